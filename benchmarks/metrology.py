@@ -21,7 +21,9 @@ from numpy.typing import ArrayLike
 
 from bench.analysis.common.allan_noise import NOISE_NAMES, NoiseCoefficients
 from bench.analysis.figures import Figure
+from bench.analysis.figures._budget import BenchErrors, with_budgets
 from bench.analysis.figures._from_run import figures_of_record
+from bench.record.benchfile import Calibration
 from bench.record.events.run import Interval
 from benchmarks._measure import Row, figure, usual
 from benchmarks.allan import simulate
@@ -31,7 +33,7 @@ from procedures.standard_test import StandardTestParameters
 
 UNITS, QUICK_UNITS = 100, 10
 LATITUDE_DEG = 39.1
-EAST_DPH = 0.0
+NORTH_DPH = EARTH_RATE_DPH * math.cos(math.radians(LATITUDE_DEG))
 UP_DPH = EARTH_RATE_DPH * math.sin(math.radians(LATITUDE_DEG))
 SETTLE_S = 30.0
 STEPS = 5
@@ -84,6 +86,37 @@ GRADES = (
           Faults(4.0, 1.5, 0.6, 0.3, 0.3, 0.004, 0.002, 0.02, 800.0, 0.02, 0.002, 2e-4, 0.08)),
 )  # fmt: skip
 PERFECT = Faults()
+_OF_BENCH = (
+    ("time_base_ppm", 0.5, "normal"),
+    ("table_rate_ppm", 0.3, "rectangular"),
+    ("table_angle_deg", 3e-4, "rectangular"),
+    ("table_level_deg", 0.002, "normal"),
+    ("table_wobble_deg", 5e-4, "rectangular"),
+    ("azimuth_deg", 0.01, "rectangular"),
+    ("fixture_deg", 0.005, "rectangular"),
+    ("latitude_deg", 0.001, "rectangular"),
+    ("unit_temp_c", 0.5, "normal"),
+)
+
+
+def certificate(quantity: str, uncertainty: float, distribution: str, error: float = 0.0) -> Calibration:
+    """Return a certificate of the simulated bench."""
+    text = {"instrument": "simulated", "certificate": "drawn", "date": "2026-01-01", "due": "2027-01-01"}
+    facts = {"quantity": quantity, "error": error, "uncertainty": uncertainty, "distribution": distribution}
+    return Calibration.model_validate(text | facts)
+
+
+BENCH = tuple(certificate(*row) for row in _OF_BENCH)
+"""Certificates of the simulated bench: U with k = 2, or half widths; its errors are drawn from them."""
+
+
+def bench_errors(rng: np.random.Generator) -> dict[str, float]:
+    """Return the errors of a bench that keeps what its certificates say."""
+    return {
+        item.quantity: item.standard_uncertainty
+        * float(rng.standard_normal() if item.distribution == "normal" else rng.uniform(-(3**0.5), 3**0.5))
+        for item in BENCH
+    }
 
 
 @dataclass
@@ -93,7 +126,7 @@ class Unit:
     grade: Grade
     faults: Faults
     seed: int
-    latitude_deg: float = LATITUDE_DEG
+    bench: Mapping[str, float] = field(default_factory=dict)
     rows: list[Interval] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -126,6 +159,14 @@ class Unit:
                 add("temperature", 612.0, rate_dps=rate, temp_c=temp_c)
         rng = np.random.default_rng((self.seed, zlib.crc32(grade.name.encode())))
         self.power_ons_dph = self.faults.bias_spread_dph * rng.standard_normal(plan.plan().power_cycles + 1)
+        errors = {item.quantity: item.standard_uncertainty for item in BENCH} if self.bench else {}
+        spread_c = errors.get("unit_temp_c", 0.0)
+        self.of_temps_c = {temp: spread_c * float(rng.standard_normal()) for temp in TEMPERATURES_C}
+        self.of_angles_deg = errors.get("table_angle_deg", 0.0) * rng.uniform(
+            -(3**0.5), 3**0.5, (2, STEPS, 2)
+        )
+        parts = [errors.get(name, 0.0) for name in ("fixture_deg", "table_wobble_deg")]
+        self.across_deg = math.hypot(*parts, self.faults.misalignment_deg) * rng.standard_normal(2)
         self.sequence_ppm = self.faults.sf_spread_ppm * rng.standard_normal(plan.sequences)
         q, n, b, k, r = (float(getattr(grade.noise, name)) for name in NOISE_NAMES)
         count = (
@@ -133,6 +174,14 @@ class Unit:
         )  # a transform of another length is slow
         self.fast = simulate(rng, count, (q, n, 0.0, 0.0, 0.0), grade.rate_hz)
         self.slow = simulate(rng, count, (0.0, 0.0, b, k, r), grade.rate_hz)
+
+    @property
+    def latitude_deg(self) -> float:
+        return LATITUDE_DEG + self.error("latitude_deg")
+
+    def error(self, quantity: str) -> float:
+        """Return what an instrument of the bench shows less what is true."""
+        return self.bench.get(quantity, 0.0)
 
     def intervals(self, test: str) -> list[Interval]:
         return [row for row in self.rows if row.test == test]
@@ -158,13 +207,14 @@ class Unit:
         return float(self.output_dph(interval).mean()) / 3600.0
 
     def temp_c(self, interval: Interval) -> float:
-        return interval.temp_c or 0.0
+        return (interval.temp_c or 0.0) + self.of_temps_c.get(interval.temp_c or 0.0, 0.0)
 
     def true_rate_dps(self, interval: Interval) -> float:
-        return interval.rate_dps or 0.0
+        faster = 1.0 + 1e-6 * self.error("table_rate_ppm")
+        return (interval.rate_dps or 0.0) * faster / (1.0 + 1e-6 * self.error("time_base_ppm"))
 
-    def earth_dph(self, interval: Interval) -> float:
-        return EAST_DPH
+    def azimuth_deg(self, interval: Interval) -> float:
+        return 135.0 if interval.test == "resolution" else 90.0
 
     def part(self, interval: Interval) -> slice:
         """Return the samples of an interval."""
@@ -178,11 +228,14 @@ class Unit:
     def systematic_dph(self, interval: Interval) -> float:
         """Return the output without noise and warm-up."""
         f, rate = self.faults, interval.rate_dps or 0.0
+        lies = math.radians(f.misalignment_deg + self.error("fixture_deg"))
         if interval.test == "misalignment":
-            return 3600.0 * rate * math.sin(math.radians(f.misalignment_deg))
+            return 3600.0 * rate * math.sin(lies)
+        lies += math.radians(self.error("table_level_deg"))
+        azimuth = math.radians(self.azimuth_deg(interval) - self.error("azimuth_deg"))
+        earth_dph = NORTH_DPH * math.cos(azimuth) * math.cos(lies) + UP_DPH * math.sin(lies)
         if interval.test in ("threshold", "resolution"):
-            size = interval.input_dph or 0.0
-            return EAST_DPH + f.bias_dph + (size if abs(size) >= f.dead_zone_dph else 0.0)
+            return earth_dph + f.bias_dph + self.small_dph(interval)
         if interval.test == "scale_factor":
             return 3600.0 * float(self.rates_dps(interval.sequence or 1)[self._place(interval)])
         if interval.test == "temperature":
@@ -191,19 +244,40 @@ class Unit:
                 UP_DPH + f.bias_dph + f.bias_dph_per_c * warmer
             )
         cycle = int(interval.cycle or 0) if interval.test == "bias" else 0
-        return EAST_DPH + f.bias_dph + float(self.power_ons_dph[cycle])
+        colder = f.bias_dph_per_c * self.error("unit_temp_c")
+        return earth_dph + f.bias_dph - colder + float(self.power_ons_dph[cycle])
+
+    def small_dph(self, interval: Interval) -> float:
+        """Return what a unit with a dead zone gives of a small turn whose angles have errors."""
+        if not interval.input_dph:
+            return 0.0
+        azimuth = math.radians(self.azimuth_deg(interval))
+        off = azimuth - math.radians(self.error("azimuth_deg"))
+        shown = math.cos(math.radians(self.latitude_deg)) * math.sin(azimuth)
+        size = interval.input_dph * math.cos(math.radians(LATITUDE_DEG)) * math.sin(off) / shown
+        angles = self.of_angles_deg[int(interval.test == "resolution"), int(interval.step or 0)]
+        size -= NORTH_DPH * math.sin(off) * math.radians(float(angles[1] - angles[0]))
+        return size if abs(size) >= self.faults.dead_zone_dph else 0.0
 
     def _place(self, interval: Interval) -> int:
         same = [row for row in self.intervals("scale_factor") if row.sequence == interval.sequence]
         return same.index(interval)
 
-    def rates_dps(self, sequence: float) -> Array:
-        """Return the outputs of one rate sequence without noise, deg/s."""
+    def rates_dps(self, sequence: float, *, alone: bool = False) -> Array:
+        """Return the outputs of one rate sequence without noise, deg/s; `alone`: without the bench's errors."""
         f = self.faults
         rates = np.array([row.rate_dps for row in self.intervals("scale_factor") if row.sequence == sequence])
         share = rates / FULL_SCALE_DPS
         sense = np.sign(np.diff(rates, prepend=rates[0]))
-        ppm = f.sf_ppm + self.sequence_ppm[int(sequence) - 1] + 0.5 * f.asymmetry_ppm * np.sign(rates)
+        of_bench = f.sf_ppm_per_c * self.error("unit_temp_c") + 0.5e6 * np.sum(
+            np.radians(self.across_deg) ** 2
+        )
+        ppm = (
+            f.sf_ppm
+            + self.sequence_ppm[int(sequence) - 1]
+            - (0.0 if alone else float(of_bench))
+            + 0.5 * f.asymmetry_ppm * np.sign(rates)
+        )
         shape = f.cubic_ppm * share**3 - 0.5 * f.hysteresis_ppm * sense * (1.0 - share**2)
         return np.asarray(rates * (1.0 + 1e-6 * ppm) + 1e-6 * FULL_SCALE_DPS * shape + UP_DPH / 3600.0)
 
@@ -213,7 +287,7 @@ def truth(unit: Unit, tolerance_dph: float) -> dict[str, float]:
     f, first = unit.faults, unit.intervals("bias")[0]
     rates = np.array([row.rate_dps for row in unit.intervals("scale_factor") if row.sequence == 1])
     sequences = sorted({row.sequence or 0.0 for row in unit.intervals("scale_factor")})
-    outputs = [unit.rates_dps(sequence) for sequence in sequences]
+    outputs = [unit.rates_dps(sequence, alone=True) for sequence in sequences]
     slopes = [np.polyfit(rates, out, 1)[0] for out in outputs]
     left = np.mean([out - np.polyval(np.polyfit(rates, out, 1), rates) for out in outputs], axis=0)
     at_rate = [left[rates == rate].mean() for rate in np.unique(rates)]
@@ -284,8 +358,10 @@ def drawn(grade: Grade, seed: int) -> Faults:
 
 def measured(grade: Grade, seed: int, perfect: bool) -> tuple[dict[str, Figure], dict[str, float]]:
     """Return the figures of a unit and the truth behind them."""
-    unit = Unit(grade, PERFECT if perfect else drawn(grade, seed), 2 * seed + perfect)
-    figures = {item.name: item for item in figures_of_record(unit)[0]}
+    errors = bench_errors(np.random.default_rng((seed, 7, perfect)))
+    unit = Unit(grade, PERFECT if perfect else drawn(grade, seed), 2 * seed + perfect, errors)
+    found = with_budgets(figures_of_record(unit)[0], unit, BenchErrors(BENCH))
+    figures = {item.name: item for item in found}
     return figures, truth(unit, 3.0 * figures["bias stability, 100 s averages"].value)
 
 

@@ -7,6 +7,7 @@ the value found is not too rare (inverted tests; JCGM 101 for the draws).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -29,12 +30,14 @@ class Estimate:
     """A value and the ends of its 95 % interval, in one unit.
 
     `seen`: whether the record shows it at all. One that is not seen is known to be at most `bound`.
+    `freedom`: degrees of freedom where the scatter of repeats made the interval.
     """
 
     value: float
     low: float
     high: float
     seen: bool = True
+    freedom: float = math.inf
 
     @property
     def bound(self) -> float:

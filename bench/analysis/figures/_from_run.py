@@ -11,9 +11,11 @@ import numpy as np
 
 from bench.analysis.common.allan import AllanDeviation
 from bench.analysis.common.allan_noise import NoiseFit
+from bench.analysis.figures._budget import BenchErrors, with_budgets
 from bench.analysis.figures._estimate import spread
 from bench.analysis.figures._parts import PARTS, Figure, noise_figures, noise_of
 from bench.analysis.figures._record import Measured, Record
+from bench.record.benchfile import calibrations_of
 from bench.record.events.run import Interval
 from bench.record.recording import Run
 from drivers.base.errors import BenchError, ConfigurationError
@@ -54,7 +56,10 @@ def figures_of_unit(
 
 
 def standard_figures(folder: Path, gyro: str | None = None) -> StandardFigures:
-    """Return every figure that a `standard-test` run folder gives; what is missing is named, not guessed."""
+    """Return every figure that a `standard-test` run folder gives; what is missing is named, not guessed.
+
+    Intervals hold what the bench adds: each figure has its budget.
+    """
     run = Run.open(folder)
     name = gyro or next(iter(run.manifest.units), "")
     if not run.of(Interval) or name not in run.manifest.units:
@@ -66,6 +71,9 @@ def standard_figures(folder: Path, gyro: str | None = None) -> StandardFigures:
         )
     record = Record(run, name, run.azimuth_error_deg)
     figures, missing, allan, noise = figures_of_record(record)
+    doubt_deg = run.manifest.measured("azimuth_error_2_sigma")
+    bench = BenchErrors(calibrations_of(run.manifest.bench), None if doubt_deg is None else 0.5 * doubt_deg)
+    figures = with_budgets(figures, record, bench)
     return StandardFigures(
         run.manifest.run_id, run.manifest.unit(name), name, tuple(figures), tuple(missing), allan, noise
     )
@@ -74,7 +82,9 @@ def standard_figures(folder: Path, gyro: str | None = None) -> StandardFigures:
 def figures_of_record(
     record: Measured,
 ) -> tuple[list[Figure], list[tuple[str, str]], AllanDeviation | None, NoiseFit | None]:
-    """Return the figures of a record, what is missing and why, the Allan deviation and its noise."""
+    """Return the figures of a record with intervals of their noise, what is missing and why, the Allan deviation
+    and its noise.
+    """
     figures: list[Figure] = []
     missing: list[tuple[str, str]] = []
     allan = noise = None

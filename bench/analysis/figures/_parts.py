@@ -20,6 +20,7 @@ from bench.analysis.common.allan_noise import (
     fit_noise,
 )
 from bench.analysis.common.mean_noise import covariance_of_means, draws
+from bench.analysis.common.uncertainty import Budget
 from bench.analysis.figures._bias import (
     RateStep,
     bias_figures,
@@ -37,7 +38,7 @@ from bench.analysis.figures._scale_factor import (
 )
 from bench.record.events.run import Interval
 from drivers.base.arrays import Array
-from drivers.base.constants import DPH_PER_DPS, earth_rate_up_dph
+from drivers.base.constants import DPH_PER_DPS, earth_rate_north_dph, earth_rate_up_dph
 from drivers.base.errors import ConfigurationError
 
 _STANDARDS = "IEEE Std 952; GJB 2426A"
@@ -47,7 +48,8 @@ _STANDARDS = "IEEE Std 952; GJB 2426A"
 class Figure:
     """One figure: unit, where its definition stands, and the 95 % interval that holds it where one is known.
 
-    `seen`: whether the record shows it at all, or only that it is at most `bound`.
+    `seen`: whether the record shows it at all, or only that it is at most `bound`. `budget`: what its interval is
+    made of; without one the interval is that of the noise alone. `freedom`: of that noise, as of an estimate.
     """
 
     name: str
@@ -57,11 +59,14 @@ class Figure:
     low: float | None = None
     high: float | None = None
     seen: bool = True
+    freedom: float = math.inf
+    budget: Budget | None = None
 
     @classmethod
     def of(cls, name: str, estimate: Estimate, unit: str, source: str) -> Figure:
         """Return an estimate as a figure."""
-        return cls(name, estimate.value, unit, source, estimate.low, estimate.high, estimate.seen)
+        return cls(name, estimate.value, unit, source, estimate.low, estimate.high, estimate.seen,
+                   estimate.freedom)  # fmt: skip
 
     @property
     def bound(self) -> float | None:
@@ -72,13 +77,18 @@ class Figure:
 
     @property
     def standard_error(self) -> float:
-        """Half of the interval over 1.96; zero where there is none."""
+        """That of the noise alone; zero where no interval is known."""
+        if self.budget is not None:
+            return self.budget.contributions[0].uncertainty
         return 0.0 if self.low is None or self.high is None else (self.high - self.low) / (2.0 * TWO_SIDED)
 
     @property
     def digits(self) -> int:
-        """Significant digits worth printing: a scale factor next to 1 shows parts per million."""
-        return 4 if self.unit else 8
+        """Significant digits worth printing: two of the interval's half."""
+        half = 0.0 if self.low is None or self.high is None else 0.5 * (self.high - self.low)
+        if not (0.0 < half < math.inf) or self.value == 0.0:
+            return 4 if self.unit else 8
+        return min(12, max(2, 2 + math.floor(math.log10(abs(self.value))) - math.floor(math.log10(half))))
 
 
 def noise_of(record: Measured, test: str) -> tuple[AllanDeviation, NoiseFit]:
@@ -129,10 +139,14 @@ def _errors(intervals: Sequence[Interval], noise: NoiseCoefficients | None) -> A
     return draws(centre @ covariance_of_means(start, end, _known(noise)) @ centre, DRAWS)
 
 
+def _earth_dph(record: Measured, interval: Interval) -> float:
+    return earth_rate_north_dph(record.latitude_deg) * math.cos(math.radians(record.azimuth_deg(interval)))
+
+
 def _bias(record: Measured, noise: NoiseCoefficients | None) -> list[Figure]:
     intervals = record.needed("bias")
     cycles = [
-        bias_figures(record.seconds_dph(interval), record.earth_dph(interval), _known(noise))
+        bias_figures(record.seconds_dph(interval), _earth_dph(record, interval), _known(noise))
         for interval in intervals
     ]
     first = cycles[0]
@@ -153,7 +167,7 @@ def _bias(record: Measured, noise: NoiseCoefficients | None) -> list[Figure]:
 def _warm_up(record: Measured, noise: NoiseCoefficients | None) -> list[Figure]:
     output = record.seconds_dph(record.needed("warm_up")[0])
     settled = record.needed("bias")[0]
-    stability = bias_figures(record.seconds_dph(settled), record.earth_dph(settled), _known(noise))
+    stability = bias_figures(record.seconds_dph(settled), _earth_dph(record, settled), _known(noise))
     tolerance = 3.0 * stability.stability_100s_dph.value
     time = warm_up_time_s(output, tolerance, _known(noise))
     return [Figure.of("warm-up time to 3 s_100", time, "s", f"IEEE Std 952; to {tolerance:.3g} deg/h")]

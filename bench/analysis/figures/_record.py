@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from bench.record.events.run import Interval
 from bench.record.recording import Run, row_means, seconds
 from drivers.base.arrays import Array
-from drivers.base.constants import DPH_PER_DPS, earth_rate_north_dph
+from drivers.base.constants import DPH_PER_DPS
 from drivers.base.errors import ConfigurationError, RecordError
 
 MOST_SAMPLES = 1 << 25
@@ -53,8 +53,8 @@ class Measured(Protocol):
     def true_rate_dps(self, interval: Interval) -> float:
         """Return the mean table rate by its encoder."""
 
-    def earth_dph(self, interval: Interval) -> float:
-        """Return the Earth rate along the horizontal axis."""
+    def azimuth_deg(self, interval: Interval) -> float:
+        """Return where the horizontal axis points, from north on the table's scale."""
 
 
 @dataclass(frozen=True)
@@ -140,11 +140,11 @@ class Record:
         error = (np.diff(table["angle_deg"]) - expected + 180.0) % 360.0 - 180.0
         return float((expected + error).sum() / step_s.sum())
 
-    def earth_dph(self, interval: Interval) -> float:
-        """Earth rate along the horizontal axis at the table's angle."""
+    def azimuth_deg(self, interval: Interval) -> float:
+        """Mean of the table's angle and the axis' azimuth on it."""
         angle = self.run.turntable(("angle_deg",), interval.start_s, interval.end_s)["angle_deg"]
-        along = float(np.cos(np.radians(angle + self.axis_angle_error_deg)).mean())
-        return earth_rate_north_dph(self.run.manifest.latitude_deg) * along
+        mean = np.exp(1j * np.radians(angle + self.axis_angle_error_deg)).mean()
+        return math.degrees(math.atan2(mean.imag, mean.real))
 
     def _table(self, interval: Interval, columns: Sequence[str]) -> dict[str, NDArray[Any]]:
         return self.run.gyro(self.gyro, columns, interval.start_s, interval.end_s)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -111,7 +112,7 @@ def scale_factor_figures(
         hysteresis = _signed(size, differences @ residual @ output).times(1e6 / full_scale)
     of_slopes = errors @ to_slope.T
     return ScaleFactorFigures(
-        scale_factor=linear(mean, of_slopes.mean(axis=1)),
+        scale_factor=replace(linear(mean, of_slopes.mean(axis=1)), freedom=_freedom(sequences)),
         nonlinearity_ppm=largest(at_rate @ output, errors @ at_rate.T).times(1e6 / full_scale),
         asymmetry_ppm=linear(float(sides @ output), errors @ sides).times(1e6 / abs(mean)),
         repeatability_ppm=spread(slopes, np.cov(of_slopes.T)).times(1e6 / abs(mean))
@@ -154,12 +155,18 @@ def _errors(
 
 def _repeats(sequences: Sequence[RateSequence]) -> Array | None:
     """Return what compares each dwell with the same one of the other sequences; None for too few repeats."""
+    if math.isinf(_freedom(sequences)):
+        return None
+    first, count = sequences[0].nominal_dps, len(sequences)
+    return np.asarray(np.kron(np.eye(count) - 1.0 / count, np.eye(len(first))))
+
+
+def _freedom(sequences: Sequence[RateSequence]) -> float:
+    """Return the degrees of freedom of the repeats; infinite for too few of them."""
     first = sequences[0].nominal_dps
     equal = all(np.array_equal(item.nominal_dps, first) for item in sequences)
-    count = len(sequences)
-    if not equal or (count - 1) * (len(first) - 2) < _ENOUGH:
-        return None
-    return np.asarray(np.kron(np.eye(count) - 1.0 / count, np.eye(len(first))))
+    freedom = (len(sequences) - 1) * (len(first) - 2)
+    return float(freedom) if equal and freedom >= _ENOUGH else math.inf
 
 
 def _residual_weights(rate: Array) -> Array:

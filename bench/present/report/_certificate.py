@@ -13,6 +13,7 @@ from typing import Literal
 
 from bench.present.report import _glossary as glossary
 from bench.present.report import _parts as parts
+from bench.present.report._budget import TERM, traceability_table
 from bench.present.report._numbers import DASH, moment, significant, unit_text
 from bench.present.report._page import (
     Block,
@@ -60,6 +61,7 @@ _TERMS = [
         "Verified",
         "Checksums of the run's files recomputed, its tables rebuilt from the raw bytes: all equal.",
     ),
+    TERM,
     *glossary.STANDARD_BIAS,
 ]
 
@@ -78,7 +80,7 @@ _RULES: Mapping[str, str] = {
 class CertifiedFigure:
     """A figure of one unit. `values`: run id -> value; `intervals`: 95 % intervals by run.
 
-    `unseen`: runs whose record does not show it. `decision`: the rule it is judged by.
+    `unseen`: runs whose record does not show it. `decision`: the rule it is judged by. `digits`: worth printing.
     """
 
     name: str
@@ -89,6 +91,7 @@ class CertifiedFigure:
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     unseen: frozenset[str] = frozenset()
     decision: Decision = SIMPLE
+    digits: int = 4
 
     @property
     def limited(self) -> bool:
@@ -180,6 +183,7 @@ class CertificateContent:
     checks: Mapping[str, str] = field(default_factory=dict)
     figures: Sequence[Block] = ()
     warnings: Sequence[str] = ()
+    budgets: Sequence[Block] = ()
     limits_from: str = ""
     limits_sha256: str = ""
     decision: Decision = SIMPLE
@@ -222,6 +226,8 @@ def certificate_page(content: CertificateContent) -> Page:
             Section("Runs", [*runs_table(content.runs), *checks_table(content.runs)]),
             Section("Records", _checks(content)),
             Section("Figures", content.figures),
+            Section("Traceability", traceability_table([run.manifest for run in content.runs])),
+            Section("Uncertainty budgets", content.budgets),
             *record_sections(content.runs, _provenance(content)),
         ],
         terms=_TERMS,
@@ -263,13 +269,14 @@ def _cells(figure: CertifiedFigure) -> list[Cell]:
     text = judgement + (", interval beyond limit" if figure.doubtful else "")
     tone = "doubt" if figure.doubtful else _TONES[judgement]
     spread = sorted(figure.values.values())
+    low, high = figure.interval or (None, None)
     over = (
         f"{significant(spread[0])} … {significant(spread[-1])} ({len(spread)})" if len(spread) > 1 else DASH
     )
     return [
-        Cell(parts.stated(figure.value, figure.bound, 7 if figure.name == "scale factor" else 4)),
+        Cell(parts.stated(figure.value, figure.bound, figure.digits)),
         Cell(unit_text(figure.unit) or DASH),
-        Cell(parts.interval(*(figure.interval or (None, None)))),
+        Cell(parts.interval(low, high, figure.digits)),
         Cell(over),
         Cell(limits_text(figure.lower_limit, figure.upper_limit) or DASH),
         Cell(text, tone) if figure.limited else Cell(DASH if figure.values else "not measured"),

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.control.run_record import decode_run
+from bench.present.report._budget import budget_tables
 from bench.present.report._certificate import (
     CertificateContent,
     CertifiedFigure,
@@ -149,6 +150,7 @@ def certificate_content(
         runs=list(contents.values()),
         checks=checks,
         figures=drawn,
+        budgets=[block for tests in results.values() for test in tests for block in budget_tables(test)],
         warnings=[*missing, *left_out],
         limits_from=limits.source,
         limits_sha256=limits.sha256,
@@ -225,4 +227,5 @@ def _figure(
         },
         frozenset(run for run, figure in rows if not figure.seen),
         decision,
+        max((figure.digits for _, figure in rows), default=4),
     )

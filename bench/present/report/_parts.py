@@ -41,8 +41,9 @@ def stated(value: float | None, bound: float | None, digits: int = 3) -> str:
     return f"not seen above {significant(bound, 2)}" if math.isfinite(bound) else "not seen, no bound known"
 
 
-def interval(low: float | None, high: float | None) -> str:
-    """Return the interval that holds a value; an upper end that is not known is infinite."""
+def interval(low: float | None, high: float | None, digits: int = 3) -> str:
+    """Return the interval that holds a value of so many digits; an upper end that is not known is infinite."""
+    digits = max(3, digits)
     if low is None or high is None:
         return DASH
-    return f"{significant(low, 3)} … {significant(high, 3) if math.isfinite(high) else '∞'}"
+    return f"{significant(low, digits)} … {significant(high, digits) if math.isfinite(high) else '∞'}"

@@ -9,6 +9,7 @@ import numpy as np
 
 from bench.present.report import _glossary as glossary
 from bench.present.report import _parts as parts
+from bench.present.report._budget import TERM, budget_tables
 from bench.present.report._figures import Curve, Lane, lanes
 from bench.present.report._numbers import DASH, moment, unit_text
 from bench.present.report._page import (
@@ -36,13 +37,14 @@ _TERMS = [
     *glossary.STANDARD_BIAS,
     (
         "Interval",
-        "Holds the figure with 95 % probability, the unit's noise being all that disturbs it.",
+        "Holds the figure with 95 % probability; the noise and what is known of the bench are in it.",
     ),
     (
         "Not seen above",
         "The record does not show the figure: noise alone gives as much. It is at most this, with 97.5 % "
         "probability.",
     ),
+    TERM,
     (
         "Threshold",
         "Smallest input from rest that gives at least half of its output; resolution likewise at a rate.",
@@ -75,6 +77,7 @@ def standard_test_page(
             parts.warnings([*warnings, *missing]),
             Section("Figures", [_figure_table(result.run_id, result.figures) for result in results]),
             Section("Over runs", [_figure_table("all runs", over_runs)] if over_runs else []),
+            Section("Uncertainty budgets", [block for result in results for block in budget_tables(result)]),
             Section(
                 "Allan deviation",
                 [block for n, result in enumerate(results) for block in allan_figure(n, result)],
@@ -107,7 +110,7 @@ def _figure_table(run_id: str, figures: Sequence[Figure]) -> Table:
             figure.name,
             parts.stated(figure.value, figure.bound, figure.digits),
             unit_text(figure.unit) or DASH,
-            parts.interval(figure.low, figure.high),
+            parts.interval(figure.low, figure.high, figure.digits),
             figure.source,
         )
         for figure in figures

@@ -1,6 +1,6 @@
 """The bench file: which devices stand on which ports, and the limits of the place."""
 
-from bench.record.benchfile._calibration import Calibration, overdue
+from bench.record.benchfile._calibration import Calibration, calibrations_of, overdue
 from bench.record.benchfile._load import bench_file_from, bench_file_text, load_bench_file
 from bench.record.benchfile._model import (
     Band,
@@ -23,6 +23,7 @@ __all__ = [
     "SafeSection",
     "bench_file_from",
     "bench_file_text",
+    "calibrations_of",
     "load_bench_file",
     "overdue",
 ]

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import datetime
 import math
-from collections.abc import Sequence
-from typing import Literal, get_args
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+
+from drivers.base.errors import RecordError
 
 Quantity = Literal[
     "time_base_ppm",
@@ -66,3 +68,11 @@ class Calibration(BaseModel):
 def overdue(calibrations: Sequence[Calibration], utc: str) -> list[Calibration]:
     """Return those whose last day lies before a moment given as ISO 8601 in UTC."""
     return [item for item in calibrations if item.due.isoformat() < utc[:10]]
+
+
+def calibrations_of(bench: Mapping[str, Any]) -> tuple[Calibration, ...]:
+    """Return the certificates of a bench file kept as plain values, as a manifest has it; none in older runs."""
+    try:
+        return TypeAdapter(tuple[Calibration, ...]).validate_python(tuple(bench.get("calibration", ())))
+    except (TypeError, ValidationError) as error:
+        raise RecordError("the run's calibrations cannot be read", found=str(error)) from error

@@ -60,16 +60,28 @@ def standard_test(
         _print_figures(console, "over runs", over_runs)
     console.say(f"{out}")
     by_run = [
-        {"run_id": each.run_id, "figures": each.figures, "missing": dict(each.missing)} for each in results
+        {
+            "run_id": each.run_id,
+            "figures": each.figures,
+            "missing": dict(each.missing),
+            "uncertainty": {figure.name: _uncertainty(figure) for figure in each.figures},
+        }
+        for each in results
     ]
     console.say_json("result", runs=by_run, over_runs=over_runs, warnings=warnings, file=out)
+
+
+def _uncertainty(figure: Figure) -> dict[str, float] | None:
+    keys = ("combined", "freedom", "k", "expanded", "half_width")
+    return None if figure.budget is None else {key: getattr(figure.budget, key) for key in keys}
 
 
 def _print_figures(console: Terminal, title: str, figures: Sequence[Figure]) -> None:
     rows = []
     for figure in figures:
         known = figure.low is not None and figure.high is not None
-        interval = f"{figure.low:.3g} .. {figure.high:.3g}" if known else ""
+        digits = max(3, figure.digits)
+        interval = f"{figure.low:.{digits}g} .. {figure.high:.{digits}g}" if known else ""
         value = f"{figure.value:.{figure.digits}g}"
         if figure.bound is not None:
             value = f"not seen above {figure.bound:.2g}"

@@ -1,0 +1,192 @@
+"""The uncertainty budget of every figure of a standard test: the unit's noise, and what is known of the bench.
+
+Each input is the error of an instrument, what it shows less what is true: as its certificate has it, or assumed
+of a class and named so. The sensitivities follow from the figures' definitions in closed form:
+bias = output - W cos(lat) cos(azimuth) cos(elevation) - W sin(lat) sin(elevation), scale factor = output over
+(angle over time) / cos(axis to axis), input of a small turn = W cos(lat) times a difference of sines.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from scipy.stats import t as student
+
+from bench.analysis.common.uncertainty import COVERAGE, Budget, Contribution
+from bench.analysis.figures._estimate import TWO_SIDED
+from bench.analysis.figures._parts import Figure
+from bench.analysis.figures._record import Measured
+from bench.record.benchfile import Calibration
+from drivers.base.constants import EARTH_RATE_DPH, earth_rate_north_dph, earth_rate_up_dph
+
+ASSUMED: Mapping[str, float] = {
+    "time_base_ppm": 50.0,
+    "table_rate_ppm": 10.0,
+    "table_angle_deg": 0.003,
+    "table_level_deg": 0.02,
+    "table_wobble_deg": 0.003,
+    "azimuth_deg": 2.0,
+    "fixture_deg": 0.05,
+    "latitude_deg": 0.01,
+    "unit_temp_c": 1.0,
+}
+"""Half widths of a rectangular distribution that a bench without a certificate is taken to have: a free quartz, a
+servo rate table with its encoder (10 arcsec), a spirit level, the axis set to east by hand, a milled fixture."""
+ASSUMED_ORIGIN = "assumed"
+EAST_ORIGIN = "Earth rate"
+_RAD = math.pi / 180.0
+_PPM = 1e-6
+_TIME_POWER = {"angle random walk": 0.5, "quantisation": 1.0, "rate random walk": -0.5, "rate ramp": -1.0}
+"""With which power of the averaging time a coefficient of given Allan deviation grows (IEEE Std 952, annex C)."""
+_MISALIGNMENT = "input-axis misalignment, component along the table"
+
+
+@dataclass(frozen=True)
+class BenchErrors:
+    """What is known of the errors of a bench: certificates, and how well the Earth rate told the azimuth."""
+
+    calibrations: Sequence[Calibration] = ()
+    azimuth_sigma_deg: float | None = None
+
+    def of(
+        self, quantity: str, sensitivity: float, *, difference: bool = False, signed: bool = True
+    ) -> Contribution:
+        """Return a quantity as an input; of a `difference` of two readings a common error drops out.
+
+        Where the sign of the sensitivity is not known, a known error counts as uncertainty (JCGM 100, F.2.4.5).
+        """
+        unit = quantity.rsplit("_", 1)[1]
+        if quantity == "azimuth_deg" and self.azimuth_sigma_deg is not None:
+            return Contribution(
+                quantity, self.azimuth_sigma_deg, sensitivity, unit, 0.0, "A", origin=EAST_ORIGIN
+            )
+        known = next((item for item in self.calibrations if item.quantity == quantity), None)
+        standard, error, shape, origin = (
+            ASSUMED[quantity] / math.sqrt(3.0),
+            0.0,
+            "rectangular",
+            ASSUMED_ORIGIN,
+        )
+        if known is not None:
+            standard, error = known.standard_uncertainty, known.error
+            shape, origin = known.distribution, known.certificate
+        if difference:
+            standard, error, shape = math.sqrt(2.0) * standard, 0.0, "normal"
+        if not signed:
+            standard, error = math.hypot(standard, error), 0.0
+        return Contribution(quantity, standard, sensitivity, unit, error, distribution=shape, origin=origin)
+
+
+def with_budgets(figures: Sequence[Figure], record: Measured, bench: BenchErrors) -> list[Figure]:
+    """Return the figures corrected and with intervals that hold what the bench adds, each with its budget.
+
+    `figures` have the intervals of their noise. Where those lie evenly about the value, the interval is that
+    of the budget; else the bench's share is added to either side in squares (MOVER). A figure without an
+    interval stays as it is.
+    """
+    by_name = {figure.name: figure for figure in figures}
+    walk = by_name.get("angle random walk")
+    freedom = math.inf
+    if walk is not None and walk.seen and walk.standard_error > 0.0:
+        freedom = 0.5 * (walk.value / walk.standard_error) ** 2  # JCGM 100, G.3
+    return [_with_budget(figure, by_name, record, bench, freedom) for figure in figures]
+
+
+def _with_budget(
+    figure: Figure, by_name: Mapping[str, Figure], record: Measured, bench: BenchErrors, freedom: float
+) -> Figure:
+    if figure.low is None or figure.high is None:
+        return figure
+    repeats = math.isfinite(figure.freedom)
+    divisor = float(student.ppf(0.5 + 0.5 * COVERAGE, figure.freedom)) if repeats else TWO_SIDED
+    noise = Contribution(
+        "noise",
+        (figure.high - figure.low) / (2.0 * divisor),
+        unit=figure.unit,
+        kind="A",
+        freedom=figure.freedom if repeats else freedom,
+        origin="repeats" if repeats else "noise record",
+    )
+    of_bench = tuple(_of_bench(figure, by_name, record, bench))
+    budget = Budget(figure.value, (noise, *of_bench))
+    below, above = figure.value - figure.low, figure.high - figure.value
+    if math.isclose(below, above, rel_tol=1e-6):
+        below = above = budget.half_width
+    else:
+        added = Budget(0.0, of_bench).half_width
+        below, above = math.hypot(below, added), math.hypot(above, added)
+    low, high = budget.value - below, budget.value + above
+    if figure.low >= 0.0 and not math.isclose(figure.low + figure.high, 2.0 * figure.value, rel_tol=1e-6):
+        low = max(low, 0.0)  # a magnitude
+    seen = figure.seen and (figure.name == "bias" or low > 0.0 or high < 0.0)
+    return replace(figure, value=budget.value, low=low, high=high, seen=seen, budget=budget)
+
+
+def _of_bench(
+    figure: Figure, by_name: Mapping[str, Figure], record: Measured, bench: BenchErrors
+) -> Iterator[Contribution]:
+    name, value = figure.name, figure.value
+    latitude = record.latitude_deg * _RAD
+    north, up = earth_rate_north_dph(record.latitude_deg), earth_rate_up_dph(record.latitude_deg)
+    per_degree = {
+        part: found.value
+        for part in ("bias", "scale-factor")
+        if (found := by_name.get(f"{part} temperature sensitivity")) is not None and found.seen
+    }
+    if name == "bias":
+        azimuth = record.azimuth_deg(record.needed("bias")[0]) * _RAD
+        lies, sine = by_name.get(_MISALIGNMENT), 0.0
+        if lies is None:
+            yield bench.of("fixture_deg", -up * _RAD)
+        else:
+            sine = math.sin(lies.value * _RAD)
+            yield Contribution("input_axis_deg", lies.standard_error, -up * _RAD, "deg", sine / _RAD, "A",
+                               origin="misalignment test")  # fmt: skip
+        yield bench.of("table_level_deg", -up * _RAD)
+        yield bench.of("azimuth_deg", -north * math.sin(azimuth) * _RAD)
+        of_latitude = EARTH_RATE_DPH * (math.cos(latitude) * sine - math.sin(latitude) * math.cos(azimuth))
+        yield bench.of("latitude_deg", of_latitude * _RAD)
+        if "bias" in per_degree:
+            yield bench.of("unit_temp_c", per_degree["bias"], signed=False)
+    elif name == "scale factor":
+        yield bench.of("time_base_ppm", -value * _PPM)
+        yield bench.of("table_rate_ppm", value * _PPM)
+        yield _cosine(by_name.get(_MISALIGNMENT), bench, value)
+        if "scale-factor" in per_degree:
+            yield bench.of("unit_temp_c", value * _PPM * per_degree["scale-factor"], signed=False)
+    elif name == _MISALIGNMENT:
+        slope = math.tan(value * _RAD) / _RAD * _PPM
+        yield bench.of("fixture_deg", -1.0)
+        yield bench.of("time_base_ppm", -slope)
+        yield bench.of("table_rate_ppm", slope)
+    elif name in ("threshold", "resolution"):
+        steps = [step for step in record.intervals(name) if step.input_dph]
+        azimuth = (
+            record.azimuth_deg(min(steps, key=lambda step: abs(abs(step.input_dph or 0.0) - value))) * _RAD
+        )
+        yield bench.of("table_angle_deg", north * math.sin(azimuth) * _RAD, difference=True)
+        yield bench.of("latitude_deg", value * math.tan(latitude) * _RAD)
+        yield bench.of("azimuth_deg", -value / math.tan(azimuth) * _RAD)
+    elif name.endswith("temperature sensitivity"):
+        temps = [record.temp_c(item) for item in record.intervals("temperature")]
+        span = min((abs(temp - temps[0]) for temp in temps if abs(temp - temps[0]) >= 1.0), default=math.inf)
+        yield bench.of("unit_temp_c", value / span, difference=True)
+    elif name in _TIME_POWER:
+        yield bench.of("time_base_ppm", -_TIME_POWER[name] * value * _PPM)
+    elif name.startswith("warm-up"):
+        yield bench.of("time_base_ppm", -value * _PPM)
+
+
+def _cosine(lies: Figure | None, bench: BenchErrors, scale_factor: float) -> Contribution:
+    """Return what the angle between input axis and table takes off the scale factor, 1 - cos, in ppm.
+
+    Both components of the angle are taken to have the size that one was measured or assumed with: half the sum
+    of their squares is then exponential, its mean its standard deviation.
+    """
+    parts = [bench.of(name, 1.0).standard for name in ("fixture_deg", "table_wobble_deg")]
+    size = math.hypot(*parts, 0.0 if lies is None else lies.value) * _RAD
+    ppm = size**2 / _PPM
+    return Contribution("axis_cosine_ppm", ppm, scale_factor * _PPM, "ppm", ppm, distribution="exponential",
+                        origin="misalignment test" if lies else ASSUMED_ORIGIN)  # fmt: skip
