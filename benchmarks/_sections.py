@@ -32,6 +32,7 @@ RELIABILITY = Page(
         "Mutants",
         "Kills",
         "Kills of commands",
+        "Kills seen from the wire",
         "Soak",
         "Time to the safe state",
         "Fuzzed decoders",
