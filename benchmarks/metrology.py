@@ -5,7 +5,7 @@ quantisation and flicker shaped in the spectrum, a cubic and an asymmetric scale
 an exponential warm-up, a bias that differs between power-ons and with temperature. The figures are made by the
 functions that make those of a run folder, on the same intervals. A perfect unit has its noise and nothing else.
 Truth is worked out from what was put in, never by those functions. `python -m benchmarks.metrology UNITS` takes
-another number of units and prints the tables of docs/uncertainty.md.
+another number of units and writes the tables of docs/uncertainty.md.
 """
 
 from __future__ import annotations
@@ -13,11 +13,14 @@ from __future__ import annotations
 import math
 import sys
 import zlib
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.stats import beta
 
 from bench.analysis.common.allan_noise import NOISE_NAMES, NoiseCoefficients
 from bench.analysis.figures import Figure
@@ -25,6 +28,7 @@ from bench.analysis.figures._budget import BenchErrors, with_budgets
 from bench.analysis.figures._from_run import figures_of_record
 from bench.record.benchfile import Calibration
 from bench.record.events.run import Interval
+from bench.record.figure_limits import Decision
 from benchmarks._measure import Row, figure, usual
 from benchmarks.allan import simulate
 from drivers.base.arrays import Array
@@ -375,6 +379,8 @@ class Tally:
     held: int = 0
     values: list[float] = field(default_factory=list)
     bounds: list[float] = field(default_factory=list)
+    passed: Counter[str] = field(default_factory=Counter)
+    """By rule: how often the unit passed an upper limit that lay exactly at its true value."""
 
     def add(self, item: Figure | None, true: float) -> None:
         """Count a unit; a stability's truth is not known from one unit."""
@@ -387,8 +393,20 @@ class Tally:
         self.values.append(item.value)
         if item.bound is not None:
             self.bounds.append(item.bound)
+        standard = None if item.budget is None else item.budget.combined
+        for title, rule in RULES.items():
+            self.passed[title] += (
+                rule.judge(item.value, (item.low, item.high), None, true, standard) == "pass"
+            )
 
 
+RULES = {
+    "simple acceptance": Decision(),
+    "guard band": Decision(rule="guard band"),
+    "false acceptance, risk 0.05": Decision(rule="false acceptance", risk=0.05),
+}
+_JUDGED = ("bias", "scale factor", MISALIGNMENT, "scale-factor asymmetry")
+"""Figures of either sign, for which a limit at the true value means something."""
 STABILITIES = ("bias stability, 10 s averages", "bias stability, 100 s averages")
 
 
@@ -440,23 +458,47 @@ def _share(tally: Tally) -> float:
 
 
 def section(grade: Grade, good: Mapping[str, Tally], bad: Mapping[str, Tally]) -> str:
-    """Return the table of a grade for docs/uncertainty.md."""
+    """Return the tables of a grade for docs/uncertainty.md."""
     text = [
-        f"\n### {grade.name}\n",
-        "| figure | imperfect: stated, seen | held | perfect: stated, seen | held | not seen above, median |",
+        f"### {grade.name}\n",
+        "| figure | imperfect: stated, seen | held, 95 % interval | perfect: stated, seen | held, 95 % interval "
+        "| not seen above, median |",
         "|---|---|---|---|---|---|",
     ]
     for name, other in bad.items():
         own = good[name]
         bound = f"{np.median(own.bounds):.3g}" if own.bounds else ""
-        text.append(
-            f"| {name} | {other.stated} of {other.units}, {other.seen} | {100 * _share(other):.0f} % "
-            f"| {own.stated} of {own.units}, {own.seen} | {100 * _share(own):.0f} % | {bound} |"
-        )
+        cells = (f"{t.stated} of {t.units}, {t.seen} | {_of(t.held, t.stated)}" for t in (other, own))
+        text.append(f"| {name} | {' | '.join(cells)} | {bound} |")
+    text += [f"\n| passed with a true value on the limit, {grade.name} | " + " | ".join(RULES) + " |"]
+    text += ["|---|" + "---|" * len(RULES)]
+    for name in _JUDGED:
+        tallied = (good[name], bad[name])
+        stated = sum(tally.stated for tally in tallied)
+        cells = (_of(sum(tally.passed[rule] for tally in tallied), stated) for rule in RULES)
+        text.append(f"| {name} | {' | '.join(cells)} |")
     return "\n".join(text) + "\n"
 
 
+def _of(count: int, number: int) -> str:
+    """Return a share with its 95 % interval by Clopper and Pearson, in percent."""
+    if number == 0:
+        return ""
+    low = beta.ppf(0.025, count, number - count + 1) if count else 0.0
+    high = beta.ppf(0.975, count + 1, number - count) if count < number else 1.0
+    return f"{100 * count / number:.1f} % ({100 * low:.0f} to {100 * high:.0f})"
+
+
+_BEGIN, _END = "### MEMS\n", "\n## Certified numbers"
+
+
+def write(path: Path, units: int) -> None:
+    """Put the tables of so many units of each grade, imperfect and perfect, into docs/uncertainty.md."""
+    sections = [section(grade, tallies(grade, units, True), tallies(grade, units, False)) for grade in GRADES]
+    text = path.read_text(encoding="utf-8")
+    before, _, rest = text.partition(_BEGIN)
+    path.write_text(before + "\n".join(sections) + _END + rest.partition(_END)[2], encoding="utf-8")
+
+
 if __name__ == "__main__":
-    units = int(sys.argv[1]) if len(sys.argv) > 1 else UNITS
-    for grade in GRADES:
-        print(section(grade, tallies(grade, units, True), tallies(grade, units, False)), flush=True)
+    write(Path("docs/uncertainty.md"), int(sys.argv[1]) if len(sys.argv) > 1 else UNITS)

@@ -48,6 +48,8 @@ OVER_RUNS = ("bias repeatability", "scale-factor repeatability between runs")
 """Figures that two or more runs of a test give together."""
 _TWO_SIDED = 1.959964
 """Standard errors to either side that hold 95 % of a normal distribution."""
+_FLAT = 0.95 * math.sqrt(3.0)
+"""Likewise of a flat one."""
 
 
 class Limit(BaseModel):
@@ -77,7 +79,8 @@ class Decision(BaseModel):
     "simple acceptance": the value lies inside the limits. "guard band": the limits are drawn in by the expanded
     uncertainty U, so the whole 95 % interval must lie inside; outside as a whole it fails. "false acceptance":
     it passes if the unit is beyond the limits with a probability of at most `risk`, and fails if it is inside
-    with no more; errors are normal to either side, 1.96 standard errors to the ends of the interval. What neither
+    with no more; errors are normal to either side, 1.96 standard errors to the ends of the interval, or as much
+    flat as the standard uncertainty says where it is known (of a flat one 1.65 reach there). What neither
     passes nor fails is undecided, as is a value without an interval under the latter two.
     """
 
@@ -93,9 +96,17 @@ class Decision(BaseModel):
         return self
 
     def judge(
-        self, value: float, interval: tuple[float, float] | None, low: float | None, high: float | None
+        self,
+        value: float,
+        interval: tuple[float, float] | None,
+        low: float | None,
+        high: float | None,
+        standard: float | None = None,
     ) -> Judged:
-        """Return what the rule says of a value, its 95 % interval and limits; a value that is no number fails."""
+        """Return what the rule says of a value, its 95 % interval and limits; a value that is no number fails.
+
+        `standard`: its standard uncertainty.
+        """
         least, most = -math.inf if low is None else low, math.inf if high is None else high
         if not math.isfinite(value):
             return "fail"
@@ -107,20 +118,24 @@ class Decision(BaseModel):
             if least <= interval[0] and interval[1] <= most:
                 return "pass"
             return "fail" if interval[1] < least or interval[0] > most else "undecided"
-        beyond = _above(most, value, interval) + 1.0 - _above(least, value, interval)
+        reach = _TWO_SIDED if not standard else 0.5 * (interval[1] - interval[0]) / standard
+        flat = min(1.0, max(0.0, (_TWO_SIDED - reach) / (_TWO_SIDED - _FLAT)))
+        beyond = _above(most, value, interval, flat) + 1.0 - _above(least, value, interval, flat)
         if beyond <= self.risk and least <= value <= most:
             return "pass"
         return "fail" if 1.0 - beyond <= self.risk else "undecided"
 
 
-def _above(limit: float, value: float, interval: tuple[float, float]) -> float:
-    """Return the probability that the true value is above a limit."""
+def _above(limit: float, value: float, interval: tuple[float, float], flat: float) -> float:
+    """Return the probability that the true value is above a limit; errors are `flat` in part, else normal."""
     if math.isinf(limit):
         return 0.0 if limit > 0.0 else 1.0
     half = interval[1] - value if limit >= value else value - interval[0]
     if half <= 0.0:
         return 1.0 if value > limit else 0.0
-    return 0.5 * math.erfc(_TWO_SIDED * (limit - value) / half / math.sqrt(2.0))
+    away = (limit - value) / half
+    even = min(1.0, max(0.0, 0.5 * (1.0 - 0.95 * away)))
+    return flat * even + (1.0 - flat) * 0.5 * math.erfc(_TWO_SIDED * away / math.sqrt(2.0))
 
 
 SIMPLE = Decision()

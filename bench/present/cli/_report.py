@@ -28,6 +28,10 @@ def report(
         Path | None, Option(help="HTML file; default report.html or certificate.html beside the runs")
     ] = None,
     limits: Annotated[Path | None, Option(help="limits to judge by: a TOML file with a limits table")] = None,
+    dcc: Annotated[
+        Path | None,
+        Option(help="write a DCC (PTB's XML) too: TOML file with number, laboratory, customer, person"),
+    ] = None,
     pdf: Annotated[bool, Option("--pdf", help="print a PDF too (needs Chromium or Chrome)")] = False,
     as_json: Json = False,
 ) -> None:
@@ -43,8 +47,9 @@ def report(
     console, units = Terminal(as_json=as_json), []
     judged = load_limits(limits) if limits else None
     of_campaign = len(run) == 1 and (run[0] / reports.CAMPAIGN_FILE).exists()
-    verdict = ""
-    if len(run) == 1 and not of_campaign and judged is None:
+    facts = reports.load_laboratory(dcc) if dcc else None
+    verdict, xml = "", None
+    if len(run) == 1 and not of_campaign and judged is None and facts is None:
         path = reports.report_run(run[0], out)
     else:
         path = out or (run[0] if of_campaign else run[0].parent) / reports.CERTIFICATE_FILE
@@ -55,12 +60,15 @@ def report(
                 certificate = reports.certify(run, path, judged or NO_LIMITS)
         say_certificate(console, certificate)
         verdict = certificate.verdict
+        if facts is not None:
+            xml = reports.write_dcc(path.with_suffix(".xml"), certificate, facts)
+            console.say(f"{xml}", soft_wrap=True)
         units = _unit_facts(certificate)
     console.say(f"{path}", soft_wrap=True)
     printed = reports.write_pdf(path) if pdf else None
     if printed is not None:
         console.say(f"{printed}", soft_wrap=True)
-    console.say_json("result", file=path, pdf=printed, verdict=verdict or None, units=units)
+    console.say_json("result", file=path, pdf=printed, dcc=xml, verdict=verdict or None, units=units)
     sys.exit(NOT_PASSED if verdict == "not passed" else 0)
 
 

@@ -10,6 +10,7 @@ from bench.present.report._certificate_of_runs import (
     certify_campaign,
 )
 from bench.present.report._cycle import chamber_cycle_page
+from bench.present.report._dcc import load_laboratory, write_dcc
 from bench.present.report._file import write_pdf, write_report
 from bench.present.report._gap import gap_page
 from bench.present.report._gap_rehearsal import log_gaps_page
@@ -36,6 +37,7 @@ __all__ = [
     "chamber_cycle_page",
     "gap_page",
     "heading_page",
+    "load_laboratory",
     "log_gaps_page",
     "look_page",
     "mixed_text",
@@ -47,6 +49,7 @@ __all__ = [
     "standard_test_page",
     "stepwise_page",
     "whirl_page",
+    "write_dcc",
     "write_pdf",
     "write_report",
     "write_study",

@@ -81,6 +81,7 @@ class CertifiedFigure:
     """A figure of one unit. `values`: run id -> value; `intervals`: 95 % intervals by run.
 
     `unseen`: runs whose record does not show it. `decision`: the rule it is judged by. `digits`: worth printing.
+    `standard_uncertainties`: combined, by run, where there is a budget.
     """
 
     name: str
@@ -92,6 +93,7 @@ class CertifiedFigure:
     unseen: frozenset[str] = frozenset()
     decision: Decision = SIMPLE
     digits: int = 4
+    standard_uncertainties: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def limited(self) -> bool:
@@ -127,7 +129,13 @@ class CertifiedFigure:
         if not self.limited:
             return "not judged"
         found = {
-            self.decision.judge(value, self.intervals.get(run), self.lower_limit, self.upper_limit)
+            self.decision.judge(
+                value,
+                self.intervals.get(run),
+                self.lower_limit,
+                self.upper_limit,
+                self.standard_uncertainties.get(run),
+            )
             for run, value in self.values.items()
         }
         return "fail" if "fail" in found else "undecided" if "undecided" in found else "pass"

@@ -228,4 +228,5 @@ def _figure(
         frozenset(run for run, figure in rows if not figure.seen),
         decision,
         max((figure.digits for _, figure in rows), default=4),
+        {run: figure.budget.combined for run, figure in rows if figure.budget is not None},
     )

@@ -333,6 +333,14 @@ def test_units_that_pass_are_beyond_their_limits_no_more_often_than_the_risk() -
     assert 0.07 < np.mean(inside[edge]) < 0.1
 
 
+def test_a_flat_error_is_beyond_a_limit_as_often_as_the_rule_says() -> None:
+    """Half width 1, u = 0.577, 95 % within 0.95: beyond 0.8 with a probability of (1 - 0.8) / 2 = 0.1."""
+    decision = Decision(rule="false acceptance", risk=0.1)
+    for high, judgement in ((0.801, "pass"), (0.799, "undecided")):
+        assert decision.judge(0.0, (-0.95, 0.95), None, high, 3**-0.5) == judgement
+    assert decision.judge(0.0, (-0.95, 0.95), None, 0.7) == "pass"  # taken for normal
+
+
 def test_the_rule_stands_in_the_file_of_limits_and_with_its_risk_on_the_certificate(tmp_path: Path) -> None:
     rule = '[decision]\nrule = "false acceptance"\nrisk = 0.01\n'
     content = made([run_folder(tmp_path / "runs" / "r")], limits_of(tmp_path, BIAS_LIMIT + rule))
