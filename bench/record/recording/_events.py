@@ -6,6 +6,8 @@ import errno
 import json
 import os
 import threading
+import zlib
+from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +21,8 @@ from drivers.base.system import open_flags, sync_data
 EVENTS_FILE = "events.jsonl"
 
 _E = TypeVar("_E", bound=Event)
+_PIECE_BYTES = 1 << 16
+"""Bytes with a check sum of their own: so many are in doubt if one is not as it was written."""
 
 
 class AppendFile:
@@ -34,8 +38,9 @@ class AppendFile:
         self.unsynced = False
         self.size = 0
         self._told = -1
+        self._sums = array("L")
         try:
-            self._fd = os.open(path, open_flags("O_WRONLY", "O_CREAT", "O_EXCL"), 0o644)
+            self._fd = os.open(path, open_flags("O_RDWR", "O_CREAT", "O_EXCL"), 0o644)
         except OSError as error:
             raise record_error(path, error) from error
 
@@ -60,8 +65,38 @@ class AppendFile:
             raise record_error(self.path, error) from error
         finally:
             self.unsynced |= written > 0
-            self.size += written
+            with memoryview(self.pending) as view:
+                self._sum(view[:written])
             del self.pending[:written]
+
+    def _sum(self, data: bytes | memoryview) -> None:
+        """Take bytes behind the last ones into size and check sums."""
+        at = 0
+        while at < len(data):
+            inside = self.size % _PIECE_BYTES
+            part = data[at : at + _PIECE_BYTES - inside]
+            before = self._sums.pop() if inside else 0
+            self._sums.append(zlib.crc32(part, before))
+            self.size += len(part)
+            at += len(part)
+
+    def as_written_to(self) -> int | None:
+        """Return how many bytes are surely as they were written if any is not, and was not told, else None.
+
+        Reads the whole file. Finds what `whole_to` cannot: bytes that were changed in their place, or cut off
+        between its look and a write. RecordError if the file cannot be read.
+        """
+        try:
+            os.lseek(self._fd, 0, os.SEEK_SET)
+            for number, known in enumerate(self._sums):
+                start = number * _PIECE_BYTES
+                if 0 <= self._told < start + _PIECE_BYTES:
+                    return None
+                if zlib.crc32(os.read(self._fd, min(_PIECE_BYTES, self.size - start))) != known:
+                    return start
+        except OSError as error:
+            raise record_error(self.path, error) from error
+        return None
 
     def whole_to(self) -> int | None:
         """Return how many bytes are as they were written if the file is longer or shorter than that, else None.
@@ -79,9 +114,12 @@ class AppendFile:
         """Go on at `size` bytes; what stood behind them is gone."""
         try:
             os.ftruncate(self._fd, size)
+            os.lseek(self._fd, 0, os.SEEK_SET)
+            content = os.read(self._fd, size)
         except OSError as error:
             raise record_error(self.path, error) from error
-        self.size, self._told = size, -1
+        self.size, self._told, self._sums = 0, -1, array("L")
+        self._sum(content)
 
     def sync(self) -> None:
         """Wait until what was written is on the disk; raises OSError. May be called from another thread."""

@@ -124,7 +124,16 @@ class _Direction:
             if file is self.index:  # zeros are no marks: it goes on behind those that are whole
                 self.index.restart(whole // _MARK_BYTES * _MARK_BYTES)
                 self._add_to_index(self._last_mark)
-            self.holes.append(Hole(file.path.name, whole, written, self._time_s(file, whole)))
+            self._add_hole(file, whole, written)
+
+    def compare(self) -> None:
+        """Note whether a file has other bytes than were written; raises RecordError if it cannot be read."""
+        for file in (self.data, self.index):
+            if (whole := file.as_written_to()) is not None:
+                self._add_hole(file, whole, file.size)
+
+    def _add_hole(self, file: AppendFile, whole: int, written: int) -> None:
+        self.holes.append(Hole(file.path.name, whole, written, self._time_s(file, whole)))
 
     def _time_s(self, file: AppendFile, whole: int) -> float:
         """Return the bench time of the last mark that a file has in its first `whole` bytes; 0 for none."""
@@ -186,6 +195,11 @@ class PortJournal:
         if sync:
             _sync(self.files)
 
+    def compare(self) -> None:
+        """Read the files and note what is not as it was written; raises RecordError."""
+        self._received.compare()
+        self._sent.compare()
+
 
 class Journal:
     """All port journals of a run, its event log, and the threads that write them."""
@@ -240,7 +254,7 @@ class Journal:
         return {file.path.relative_to(self.folder).as_posix(): file.size for file in files}
 
     def close(self) -> None:
-        """Write and sync everything and close the files; every file is tried before RecordError is raised."""
+        """Write, sync, read back and close every file; all are tried before RecordError is raised."""
         if self._closed:
             return
         self._closed = True
@@ -252,6 +266,7 @@ class Journal:
         for port in self._ports:
             try:
                 port.flush(sync=True)
+                port.compare()
             except Exception as error:
                 failures.append(error)
             for file in port.files:

@@ -252,6 +252,37 @@ def test_a_hole_is_told_though_nothing_comes_any_more(tmp_path):
     assert [(hole.file, hole.from_s) for hole in port.take_holes()] == [("p.bin", 0.0)]
 
 
+@pytest.mark.parametrize("how", ["cut between look and write", "one bit", "the first byte of a later piece"])
+def test_bytes_that_are_not_as_they_came_are_found_when_the_journal_is_closed(tmp_path, monkeypatch, how):
+    """No length gives these away: the file is read back."""
+    journal = Journal(tmp_path, 1.0)
+    port, path = journal.port("p"), tmp_path / "raw" / "p.bin"
+    seek = os.lseek
+
+    def cut_first(fd, offset, whence):
+        if (offset, whence) == (150_000, os.SEEK_SET):
+            os.truncate(path, 70_000)
+        return seek(fd, offset, whence)
+
+    if how == "cut between look and write":
+        monkeypatch.setattr(os, "lseek", cut_first)
+    for second in range(1, 5):
+        port.received(bytes([second]) * 50_000, float(second))
+        port.flush(sync=False)
+    assert path.stat().st_size == 200_000 and not port.take_holes()
+    if how != "cut between look and write":
+        content = bytearray(path.read_bytes())
+        content[3 if how == "one bit" else 131_072] ^= 1
+        path.write_bytes(content)
+    journal.close()
+    whole, from_s = {"one bit": (0, 0.0), "cut between look and write": (65_536, 1.0)}.get(
+        how, (131_072, 2.0)
+    )
+    (hole,) = journal.take_holes()
+    assert (hole.file, hole.whole_bytes, hole.written_bytes) == ("p.bin", whole, 200_000)
+    assert hole.from_s == from_s
+
+
 @pytest.mark.parametrize("size", [40, 39, 0])
 def test_marks_that_were_cut_off_give_their_bytes_to_no_later_time(tmp_path, size):
     """The index loses marks; the bytes of these have the time of the last of them, not that of the next."""
