@@ -24,6 +24,8 @@ _SURE = 0.8
 Where a free curve stands for the unknown it is that of the cause or of what may stand in its place.
 """
 
+_FEW = 2
+"""Effects that may share a name beside something unknown that nothing describes."""
 _LEAST_NAMED = 0.5
 """Probability that one of a set acts, below which nothing is named."""
 _MOST_ALIKE = 4
@@ -59,11 +61,11 @@ def causes_of(
             {rival: _instead(candidate.effect, rival, found, variants, q) for rival in alternatives},
             trust,
         )
+        one_of = _one_of(candidate.effect, alternatives, weights)
         # a curve in the set competes for the effect's place; what nothing in the set describes does not
-        place = cause.probability
+        place = _of_any(weights, set(one_of[:_FEW]))
         if best.curved and not best.remains:
             place = _of_any(weights, {candidate.effect, *alternatives})
-        one_of = _one_of(candidate.effect, alternatives, weights)
         stated = replace(
             cause,
             probability=(1.0 - _MIMICRY) * cause.probability,
@@ -84,21 +86,23 @@ def causes_of(
 
 
 def models_with_and_without(
-    found: Found, variants: Sequence[Variant], model: Model, names: Sequence[str]
+    found: Found, variants: Sequence[Variant], model: Model, names: Sequence[str], among: Set[str]
 ) -> list[Model]:
-    """Return the nominal model with all of the best set, then without each of `names`, itself fitted again."""
+    """Return the nominal model with those of the best set that are `among`, then without each of `names`.
+
+    Effects and curves have the values of the best set, the nominal parameters are fitted again beside each.
+    """
     posterior, best, q = found.posterior, found.best, len(model.sigmas)
-    solution = best.solution
     terms = {
-        posterior.candidates[member].effect: _fitted(member, solution, found, variants, q)
+        posterior.candidates[member].effect: _fitted(member, best.solution, found, variants, q)
         for member in sorted(best.members)
+        if posterior.candidates[member].effect in among
     }
     models = []
     for gone in ("", *names):
-        kept = [term for name, term in terms.items() if name != gone]
-        values = nominal_beside(found, model, best.names - {gone}) if gone else solution.values
-        moved = model.moved(values, model.sigmas)
-        models.append(replace(moved, terms=(*moved.terms, *kept), noise=found.data.noise.noise))
+        kept = {name: term for name, term in terms.items() if name != gone}
+        moved = model.moved(nominal_beside(found, model, kept.keys()), model.sigmas)
+        models.append(replace(moved, terms=(*moved.terms, *kept.values()), noise=found.data.noise.noise))
     return models
 
 

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.fft import idct
 
 from bench.analysis.gap._findings import SIGNIFICANT, Place
+from bench.analysis.gap._fit import Solution
 from bench.analysis.gap._generic import INPUTS, FreeCurve
 from bench.analysis.gap._lines import SpectralLine
 from bench.analysis.gap._model_file import Term
-from bench.analysis.gap._noise import Noise
-from bench.analysis.gap._where import RegimePlace
+from bench.analysis.gap._noise import Noise, power_of
+from bench.analysis.gap._prepare import Prepared
+from bench.analysis.gap._where import RegimePlace, regime_map
+from bench.analysis.gap._which import Found, left_of_runs
 from simulators.effects import Variant
 
 
@@ -34,7 +39,7 @@ class UnknownPart:
     term: Term | None = None
 
 
-def curve_part(variant: Variant, values: Sequence[float]) -> UnknownPart:
+def _curve_part(variant: Variant, values: Sequence[float]) -> UnknownPart:
     """Describe a free curve that was fitted."""
     term = Term(variant, tuple(values), (0.0,) * len(values))
     effect = variant.effect
@@ -62,7 +67,7 @@ def curve_part(variant: Variant, values: Sequence[float]) -> UnknownPart:
     )
 
 
-def line_part(line: SpectralLine) -> UnknownPart:
+def _line_part(line: SpectralLine) -> UnknownPart:
     """Describe a line."""
     bound = (
         f", harmonic {line.harmonic} of the table's angle"
@@ -76,7 +81,7 @@ def line_part(line: SpectralLine) -> UnknownPart:
     return UnknownPart("time", sentence, frequency_hz=line.frequency_hz, harmonic=line.harmonic)
 
 
-def differing_part(noise: Noise, run_id: str, at_s: float) -> UnknownPart:
+def _differing_part(noise: Noise, run_id: str, at_s: float) -> UnknownPart:
     """Describe what is not the same in each repeat."""
     sentence = (
         f"It differs between repeats of the same run: {noise.correlated_dph:.3g} deg/h rms, changing within "
@@ -96,7 +101,7 @@ def shaken_part(noise: Noise, finest_arcsec: float) -> UnknownPart:
     return UnknownPart("time", sentence)
 
 
-def remaining_part(left: Sequence[Place], regimes: Sequence[RegimePlace]) -> UnknownPart | None:
+def _remaining_part(left: Sequence[Place], regimes: Sequence[RegimePlace]) -> UnknownPart | None:
     """Describe what fits no curve: the cell and the regime where most is left; None if nothing stands out."""
     cells = [place for place in left if place.clear]
     if not cells:
@@ -109,3 +114,52 @@ def remaining_part(left: Sequence[Place], regimes: Sequence[RegimePlace]) -> Unk
     best = max(where, key=lambda place: place.rms_dph)
     sentence += f", most of all at {best.of} {best.low:g} to {best.high:g} {best.unit}."
     return UnknownPart(best.of, sentence)
+
+
+def unknown_parts(
+    found: Found, variants: Sequence[Variant], left: Sequence[Place], bands: Mapping[str, set[int]]
+) -> list[UnknownPart]:
+    """Describe what is missing beside the best set: its free curves and line, else where most is left.
+
+    `bands` has the bands with a gap by profile.
+    """
+    best, q = found.best, found.best.solution.indices.size
+    parts: list[UnknownPart] = []
+    nominal = q - sum(len(found.posterior.candidates[member].columns) for member in best.members)
+    at = nominal
+    for member in sorted(best.members):
+        k = len(found.posterior.candidates[member].columns)
+        if isinstance(variants[member].effect, FreeCurve):
+            parts.append(_curve_part(variants[member], best.solution.values[at : at + k].tolist()))
+        at += k
+    if found.line is not None and best.line:
+        parts.append(_line_part(found.line))
+    if not parts and found.data.noise.differs < 0.5:
+        left_over = left_of_runs(found.data, best.solution)
+        regimes = regime_map(found.data.groups, left_over, found.data.floor, found.data.noise.noise, bands)
+        rest = _remaining_part(left, regimes)
+        parts += [] if rest is None else [rest]
+    return parts
+
+
+def differing_parts(data: Prepared, solution: Solution) -> list[UnknownPart]:
+    """Say how repeats differ beyond noise: how much, how slowly, and in which run most."""
+    noise = data.noise.noise
+    most, run_id, at_s = 0.0, "", 0.0
+    for group, left in zip(data.groups, left_of_runs(data, solution), strict=True):
+        if len(group.flat) == len(group.runs):
+            continue
+        period_s = group.flat[0].stimulus.period_s
+        n = left.shape[1] + 1
+        coefficients = np.zeros((len(left), n))
+        slow = math.ceil(2.0 * n * period_s / max(noise.correlation_time_s, 20.0 * period_s))
+        coefficients[:, 1 : slow + 1] = (left * np.sqrt(power_of(noise, n, period_s)))[:, :slow]
+        curves = idct(coefficients, norm="ortho", axis=-1)
+        number = np.repeat(np.arange(len(group.runs)), [len(repeats) for repeats in group.runs])
+        means = np.stack([curves[number == k].mean(axis=0) for k in range(len(group.runs))])
+        apart = curves - means[number]
+        run, sample = np.unravel_index(int(np.abs(apart).argmax()), apart.shape)
+        if abs(apart[run, sample]) > most:
+            most, run_id = float(abs(apart[run, sample])), group.flat[run].run_id
+            at_s = float(sample * period_s)
+    return [_differing_part(noise, run_id, at_s)]

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.fft import idct
 
 from bench.analysis.gap._aliases import in_rows
 from bench.analysis.gap._align import aligned
@@ -16,21 +14,13 @@ from bench.analysis.gap._causes import causes_of, models_with_and_without, nomin
 from bench.analysis.gap._cells import BANDS, mixing
 from bench.analysis.gap._close import holding, shrinkage
 from bench.analysis.gap._data import GapRun, Group, check_runs, unseen
-from bench.analysis.gap._describe import (
-    UnknownPart,
-    curve_part,
-    differing_part,
-    line_part,
-    remaining_part,
-    shaken_part,
-)
+from bench.analysis.gap._describe import UnknownPart, differing_parts, shaken_part, unknown_parts
 from bench.analysis.gap._disturbed import Disturbed, lines_hz, without_disturbances
 from bench.analysis.gap._findings import Cause, Finding, Place
 from bench.analysis.gap._fit import Floor, Solution, nominal_solution
-from bench.analysis.gap._generic import FreeCurve
 from bench.analysis.gap._learn import Learned, learned
 from bench.analysis.gap._model_file import Model, Term
-from bench.analysis.gap._noise import Noise, power_of
+from bench.analysis.gap._noise import Noise
 from bench.analysis.gap._prepare import Prepared, prepare
 from bench.analysis.gap._signal import Signal
 from bench.analysis.gap._stochastic import DATA_SHEET, EFFECT_OF, NoiseVerdict
@@ -157,7 +147,6 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         model = _corrected(data.model, best.solution, ready.noise.noise)
         model = _beside(model, found, data.model, causes)
         named = [cause.term for cause in causes]
-        closing = learned(ready, data.model, named) if unnamed > 0.5 else None
         finding = RateFinding(
             signal="rate",
             unit="deg/h",
@@ -166,7 +155,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
             places=tuple(where),
             left=tuple(left),
             stochastic=stochastic,
-            terms=(*named, *disturbed.terms, *(closing.terms if closing else ())),
+            terms=(*named, *disturbed.terms),
             warnings=(*data.notes, *_warnings(ready), *_of_lines(found, disturbed)),
             model=model,
             resembles=resembles,
@@ -184,18 +173,26 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
             regimes=tuple(regime_map(ready.groups, nominal, ready.floor, ready.noise.noise, active)),
             unidentifiable=found.hidden,
             unknown_parts=(
-                *(_unknown_parts(found, variants, left, active) if unknown > 0.5 else ()),
-                *(_differing(ready, best.solution) if differs > 0.5 and not best.line else ()),
+                *(unknown_parts(found, variants, left, active) if unknown > 0.5 else ()),
+                *(differing_parts(ready, best.solution) if differs > 0.5 and not best.line else ()),
                 *([shaken_part(ready.noise.noise, _finest_arcsec(runs))] if shaken > 0.5 else ()),
             ),
             latitude_deg=runs[0].stimulus.latitude_deg,
-            learned=closing,
         )
-        if differs < _DIFFERS:
+        if unknown > 0.5:
+            # fitted beside a curve that is not in the closed model, a cause may widen the gap by itself
+            named_alone = {cause.name for cause in causes}
+            parts = self._holding(finding, data, sets, runs, named_alone)
+            finding = _doubted(finding, parts, "where what is unknown stays")
+        if differs >= _DIFFERS:
+            # what one repeat shows and another does not may resemble any effect in their mean
+            repeats = [self._holding(finding, data, sets, each) for each in _by_repeat(ready.groups)]
+            least: list[float] = np.nan_to_num(repeats, nan=0.0).min(axis=0).tolist()
+            finding = _doubted(finding, least, "in every repeat")
+        if unnamed < 0.5:
             return finding
-        # what one repeat shows and another does not may resemble any effect in their mean
-        parts = [self._holding(finding, data, sets, runs) for runs in _by_repeat(ready.groups)]
-        return _doubted(finding, np.nan_to_num(parts, nan=0.0).min(axis=0).tolist(), "in every repeat")
+        closing = learned(ready, data.model, [cause.term for cause in finding.causes])
+        return replace(finding, learned=closing, terms=(*finding.terms, *closing.terms))
 
     def judged(
         self, finding: RateFinding, data: _Ready, sets: _Sets, held_out: Sequence[GapRun]
@@ -210,13 +207,22 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         return replace(finding, held_out=(shrinkage(before, after, held_out, finding.floor),))
 
     def _holding(
-        self, finding: RateFinding, data: _Ready, sets: _Sets, runs: Sequence[GapRun]
+        self,
+        finding: RateFinding,
+        data: _Ready,
+        sets: _Sets,
+        runs: Sequence[GapRun],
+        among: Set[str] | None = None,
     ) -> list[float]:
-        """Return for the causes which part of what each adds is there in some runs; NaN where it adds nothing."""
+        """Return for the causes which part of what each adds is there in some runs; NaN where it adds nothing.
+
+        Beside it stand those `among` the best set, without these all of it.
+        """
         if not finding.causes:
             return []
         names = [cause.name for cause in finding.causes]
-        whole, *without = models_with_and_without(*sets, data.model, names)
+        among = sets[0].best.names if among is None else among
+        whole, *without = models_with_and_without(*sets, data.model, names, among)
         return holding(whole, without, runs, finding.floor)
 
 
@@ -314,51 +320,6 @@ def _corrected(model: Model, solution: Solution, noise: Noise) -> Model:
 def _mixed(groups: Sequence[Group], residuals: Sequence[Array]) -> list[Array]:
     """Return the parity runs of each run's whitened coefficients."""
     return [mixing(group)[2] @ own for group, own in zip(groups, residuals, strict=True)]
-
-
-def _unknown_parts(
-    found: Found, variants: Sequence[Variant], left: Sequence[Place], bands: Mapping[str, set[int]]
-) -> list[UnknownPart]:
-    best, q = found.best, found.best.solution.indices.size
-    parts: list[UnknownPart] = []
-    nominal = q - sum(len(found.posterior.candidates[member].columns) for member in best.members)
-    at = nominal
-    for member in sorted(best.members):
-        k = len(found.posterior.candidates[member].columns)
-        if isinstance(variants[member].effect, FreeCurve):
-            parts.append(curve_part(variants[member], best.solution.values[at : at + k].tolist()))
-        at += k
-    if found.line is not None and best.line:
-        parts.append(line_part(found.line))
-    if not parts and found.data.noise.differs < 0.5:
-        left_over = left_of_runs(found.data, best.solution)
-        regimes = regime_map(found.data.groups, left_over, found.data.floor, found.data.noise.noise, bands)
-        rest = remaining_part(left, regimes)
-        parts += [] if rest is None else [rest]
-    return parts
-
-
-def _differing(data: Prepared, solution: Solution) -> list[UnknownPart]:
-    """Say how repeats differ beyond noise: how much, how slowly, and in which run most."""
-    noise = data.noise.noise
-    most, run_id, at_s = 0.0, "", 0.0
-    for group, left in zip(data.groups, left_of_runs(data, solution), strict=True):
-        if len(group.flat) == len(group.runs):
-            continue
-        period_s = group.flat[0].stimulus.period_s
-        n = left.shape[1] + 1
-        coefficients = np.zeros((len(left), n))
-        slow = math.ceil(2.0 * n * period_s / max(noise.correlation_time_s, 20.0 * period_s))
-        coefficients[:, 1 : slow + 1] = (left * np.sqrt(power_of(noise, n, period_s)))[:, :slow]
-        curves = idct(coefficients, norm="ortho", axis=-1)
-        number = np.repeat(np.arange(len(group.runs)), [len(repeats) for repeats in group.runs])
-        means = np.stack([curves[number == k].mean(axis=0) for k in range(len(group.runs))])
-        apart = curves - means[number]
-        run, sample = np.unravel_index(int(np.abs(apart).argmax()), apart.shape)
-        if abs(apart[run, sample]) > most:
-            most, run_id = float(abs(apart[run, sample])), group.flat[run].run_id
-            at_s = float(sample * period_s)
-    return [differing_part(noise, run_id, at_s)]
 
 
 def _constant(runs: Sequence[GapRun]) -> bool:

@@ -89,19 +89,19 @@ def credibility(
 
 
 def prevalence(cells: Sequence[Cell], gap: Array, acting: Solution, rest: Remainder) -> float:
-    """Return which part of what is there and no noise an effect does, in the profiles where it acts.
+    """Return which part of what is there and no noise an effect does, in the profiles and parities where it acts.
 
     Weighted by what it does, `acting`, the nominal model fitted to it; `gap` is the energy before, (cells,). What
     nothing explains there may do in one band what looks like the effect: a cycling compressor's mean follows its
-    chamber, and a servo that hunts starts to do so where the rate steps. An effect that does more than the whole
-    gap is undone by others in its set.
+    chamber, and a servo that hunts starts to do so where the rate steps. What is even in the rate does not look
+    like a scale factor. An effect that does more than the whole gap is undone by others in its set.
     """
     repeatable = np.array([cell.repeatable for cell in cells])
     action = np.where(repeatable, _action(cells, acting, acting.indices.tolist()), 0.0)
     left = np.where(repeatable, rest.energy, 0.0)
-    _, profile = np.unique([cell.profile for cell in cells], return_inverse=True)
-    whole = np.bincount(profile, np.where(repeatable, np.maximum(gap - counts(cells), 0.0), 0.0))
-    own, others = np.bincount(profile, action), np.bincount(profile, left)
+    _, place = np.unique([f"{cell.profile}\n{cell.parity}" for cell in cells], return_inverse=True)
+    whole = np.bincount(place, np.where(repeatable, np.maximum(gap - counts(cells), 0.0), 0.0))
+    own, others = np.bincount(place, action), np.bincount(place, left)
     part = np.minimum(own, _UNDONE * whole) / np.maximum(own + others, 1e-12)
     return float((own * part).sum() / max(float(own.sum()), 1e-12))
 

@@ -51,6 +51,21 @@ def test_an_effect_that_is_little_of_what_is_there_in_its_runs_is_not_prevalent(
     assert credibility(cells, np.ones(4), solution, [1], rest) == pytest.approx(1.0)
 
 
+def test_what_is_left_in_another_parity_makes_an_effect_no_less_prevalent() -> None:
+    """A supply that dips whichever way the table turns does not look like a scale factor."""
+    count = 8.0
+    block = np.array([[108.0, 100.0], [100.0, 100.0]])
+    still = np.array([[1008.0, 0.0], [0.0, 0.0]])
+    cells = [
+        Cell("rates", parity, True, 3, count, 2, np.arange(2), each, 1.0, 10000)
+        for parity, each in (("odd", block), ("common", still))
+    ]
+    solution = Solution(np.array([1]), np.ones(1), np.zeros((1, 1)))
+    gap, left = np.array([108.0, 1008.0]), np.array([8.0, 1008.0])
+    rest = remainder(cells, np.ones(2), gap, left, _FLOOR)
+    assert prevalence(cells, gap, solution, rest) == pytest.approx(1.0)
+
+
 def test_an_effect_that_others_undo_is_not_prevalent() -> None:
     """Alone it would be a hundred times the gap: what is left of it beside its opponent proves no cause."""
     block = np.array([[18.0, 1000.0], [1000.0, 1000.0]])
