@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 from urllib.error import HTTPError
 from urllib.request import urlopen
 
@@ -106,13 +106,40 @@ def write_now(session: Path, title: str, **more) -> None:
 
 
 @contextmanager
-def browser_page(width: int = 1280) -> "Iterator[Page]":
+def browser_page(width: int = 1280, scheme: Literal["light", "dark"] = "light") -> "Iterator[Page]":
+    """A page of a browser of that width, light or dark; the time that something takes to come is the test's."""
     from playwright.sync_api import expect, sync_playwright
 
     expect.set_options(timeout=1000.0 * PATIENCE_S)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=BROWSER, args=FLAGS)
-        context = browser.new_context(viewport={"width": width, "height": 900}, ignore_https_errors=True)
+        context = browser.new_context(
+            viewport={"width": width, "height": 900},
+            color_scheme=scheme,
+            reduced_motion="reduce",
+            ignore_https_errors=True,
+        )
         context.set_default_timeout(1000.0 * PATIENCE_S)
         yield context.new_page()
         browser.close()
+
+
+def serious(page: "Page", within: str = "html") -> list[str]:
+    """Return what axe-core calls serious or critical in a part of a page: rule, place and what it says.
+
+    axe-core (MPL-2.0, Deque Systems) comes with the package axe-playwright-python; only tests use it.
+    """
+    import axe_playwright_python
+
+    script = Path(axe_playwright_python.__file__).with_name("axe.min.js").read_text(encoding="utf-8")
+    page.wait_for_function("!document.querySelector('[class*=enter-active]')")
+    page.wait_for_function("document.getAnimations().every((one) => one.playState !== 'running')")
+    page.evaluate(script)
+    found = page.evaluate(f"axe.run({within!r}, {{ resultTypes: ['violations'] }})")
+    assert len(found["passes"]) > 5, "axe has looked at nothing"
+    return [
+        f"{violation['id']}: {node['target']}: {node['failureSummary']}"
+        for violation in found["violations"]
+        if violation["impact"] in ("serious", "critical")
+        for node in violation["nodes"]
+    ]

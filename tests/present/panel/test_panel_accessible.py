@@ -1,56 +1,19 @@
-"""Every page for everybody: axe-core finds nothing serious, the keyboard alone goes from start to certificate.
-
-axe-core (MPL-2.0, Deque Systems) comes with the package axe-playwright-python; only these tests use it.
-"""
+"""Every page for everybody: axe-core finds nothing serious, the keyboard alone goes from start to certificate."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from bench.campaign.queue import RunOrder
 from bench.control.operators import OperatorsFile
-from tests.present.panel.browser import BROWSER, FLAGS, NEEDED, PATIENCE_S, write_now
+from tests.present.panel.browser import NEEDED, browser_page, serious, write_now
 from tests.present.panel.test_panel_metrics import NOW
 from tests.present.panel.test_panel_queue import Bench, bench_with_panel
 
 pytestmark = [*NEEDED, pytest.mark.concurrent]
 PASSWORD = "kettle violin harbour"
 LOOKS = [(width, scheme) for width in (1280, 390) for scheme in ("light", "dark")]
-
-
-@contextmanager
-def looking(width: int, scheme: str) -> Iterator:
-    """A page of a browser of that width, light or dark; the time that something takes to come is the test's."""
-    from playwright.sync_api import expect, sync_playwright
-
-    expect.set_options(timeout=1000.0 * PATIENCE_S)
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=BROWSER, args=FLAGS)
-        viewport = {"width": width, "height": 900}
-        context = browser.new_context(viewport=viewport, color_scheme=scheme, reduced_motion="reduce")
-        context.set_default_timeout(1000.0 * PATIENCE_S)
-        yield context.new_page()
-        browser.close()
-
-
-def serious(page, within: str = "html") -> list[str]:
-    """Return what axe-core calls serious or critical in a part of a page: rule, place and what it says."""
-    import axe_playwright_python
-
-    script = Path(axe_playwright_python.__file__).with_name("axe.min.js").read_text(encoding="utf-8")
-    page.wait_for_function("!document.querySelector('[class*=enter-active]')")
-    page.wait_for_function("document.getAnimations().every((one) => one.playState !== 'running')")
-    page.evaluate(script)
-    found = page.evaluate(f"axe.run({within!r}, {{ resultTypes: ['violations'] }})")
-    assert len(found["passes"]) > 5, "axe has looked at nothing"
-    return [
-        f"{violation['id']}: {node['target']}: {node['failureSummary']}"
-        for violation in found["violations"]
-        if violation["impact"] in ("serious", "critical")
-        for node in violation["nodes"]
-    ]
 
 
 @pytest.fixture
@@ -72,7 +35,7 @@ def test_axe_finds_nothing_serious_on_any_page(bench: Bench) -> None:
     write_now(bench.panel.runs / "two", "two", chamber=5)
     found: dict[str, list[str]] = {}
     for width, scheme in LOOKS:
-        with looking(width, scheme) as page:
+        with browser_page(width, scheme) as page:
 
             def look(
                 what: str, within: str = "html", page=page, where: str = f"{width} px, {scheme}"
@@ -118,7 +81,7 @@ def test_the_keyboard_alone_goes_from_signing_in_to_the_certificate(bench: Bench
     """No mouse: every control is reached by Tab, is seen to have the focus, and is pressed by Enter or Space."""
     from playwright.sync_api import expect
 
-    with looking(1280, "light") as page:
+    with browser_page(1280, "light") as page:
 
         def go_to(control) -> None:
             """Press Tab until the control has the focus; it must be seen to have it."""

@@ -26,7 +26,7 @@ from bench.record.recording import (
     write_manifest,
 )
 from bench.record.run_notes import read_notes
-from tests.present.panel.browser import NEEDED, PATIENCE_S, Panel, browser_page
+from tests.present.panel.browser import NEEDED, PATIENCE_S, Panel, browser_page, serious
 from tests.record.recording.test_run_notes import PNG
 
 SPIKE_S, SPIKE_C = 4321.0, 61.5
@@ -250,7 +250,7 @@ class TestInABrowser:
             expect(reading).to_contain_text("run-1, table 5 °/s")
             expect(reading).to_contain_text("run-3, air")
             assert page.evaluate("document.documentElement.scrollWidth") <= width
-            assert wrong == []
+            assert wrong == [] and serious(page) == []
 
     def test_a_note_with_a_picture_is_kept_beside_the_run(
         self, panel: Panel, width: int, tmp_path: Path
@@ -315,6 +315,7 @@ class TestInABrowser:
             expect(compared).to_contain_text("+1.1 deg/h, no interval known")
             expect(compared.locator(".differs")).to_contain_text("they differ")
             expect(page.locator("[data-trend] canvas")).to_have_count(1)
+            assert serious(page) == []
             page.get_by_role("link", name="run-4").click()
             expect(page.get_by_role("heading", name="run-4", exact=True)).to_be_visible()
             page.go_back()
