@@ -55,6 +55,26 @@ class Bearing(_PlantSection):
     misalignment_arcsec: tuple[float, float] = (0.0, 0.0)
 
 
+@dataclass(frozen=True)
+class SerialFormat:
+    """How one end of a serial line is set."""
+
+    baudrate: int
+    bytesize: int = 8
+    parity: Literal["N", "E", "O"] = "N"
+    stopbits: int = 1
+
+    @property
+    def parity_bits(self) -> int:
+        """Return how many parity bits a byte has."""
+        return int(self.parity != "N")
+
+    @property
+    def bits_a_byte(self) -> int:
+        """Return the bits on the line for each byte: start, data, parity, stop."""
+        return 1 + self.bytesize + self.parity_bits + self.stopbits
+
+
 @dataclass(frozen=True, kw_only=True)
 class GyroInLab:
     """A gyro unit: its section of the bench file, and which physics it has.
@@ -102,7 +122,8 @@ class LabConfig:
     """A whole lab.
 
     `delivery_s`: how often adapters hand over streamed bytes. `cpu`: processor that lab and bench share in
-    virtual time, None to leave that to the system. `emulated`: seed and model, which a bench is told.
+    virtual time, None to leave that to the system. `lines`: devices, by port, that
+    understand only what is sent with their own settings. `emulated`: seed and model, which a bench is told.
     """
 
     clock: Literal["virtual", "wall"]
@@ -116,6 +137,7 @@ class LabConfig:
     platforms: tuple[PlatformInLab, ...] = ()
     instruments: tuple[InstrumentInLab, ...] = ()
     faults: tuple[Fault, ...] = ()
+    lines: dict[str, SerialFormat] = field(default_factory=dict)
     rotation: Rotation = field(default_factory=Rotation)
     delivery_s: float = 1.0
     cpu: int | None = None
@@ -140,6 +162,8 @@ def _restored(kind: Any, value: Any) -> Any:
         return tuple(_restored(get_args(kind)[0], member) for member in value)
     if not isinstance(value, dict):
         return value
+    if get_origin(kind) is dict and get_args(kind)[1] is SerialFormat:
+        return {name: SerialFormat(**content) for name, content in value.items()}
     if get_origin(kind) is dict and get_args(kind)[0] is int:
         return {int(number): content for number, content in value.items()}
     for role, shared in roles().items():

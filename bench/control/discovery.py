@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from drivers.base.clock import Clock
@@ -15,6 +15,8 @@ from drivers.kit.registry import DRIVERS, instrument_roles, registered
 
 LISTEN_S = 1.5
 LISTEN_BAUDS = (921_600, 460_800, 115_200, 9600)
+OTHER_BAUDS = (4800, 9600, 19_200, 38_400, 57_600, 115_200)
+OTHER_ADDRESSES = range(9)
 _QUIET_S = 0.3
 _ENOUGH = 3
 _COVERED = 0.8
@@ -29,10 +31,13 @@ class Finding:
     text: str
 
 
-def identify_port(port: str, clock: Clock, say: Callable[[str], None], name: str = "port") -> Finding:
+def identify_port(
+    port: str, clock: Clock, say: Callable[[str], None], name: str = "port", *, thorough: bool = False
+) -> Finding:
     """Return what answers on `port`, or why nothing can; `say(text)` is told what is being tried.
 
-    `name`: what the clock calls the port, if that is an emulated lab's.
+    `name`: what the clock calls the port, if that is an emulated lab's. `thorough`: ask, if nothing answers, at
+    other baud rates and bus addresses too, which takes minutes.
     """
     try:
         heard, baudrate = _listen(port, clock, say, name)
@@ -41,8 +46,9 @@ def identify_port(port: str, clock: Clock, say: Callable[[str], None], name: str
     if heard:
         found = _streaming(port, heard, baudrate)
         return found or Finding(port, "", f"sends what no gyro known here sends: {heard[:16].hex(' ')} ...")
-    for name_of_kind, kind, probe in _probes("table", "chamber", *instrument_roles()):
-        say(f"{port}: {name_of_kind} at {probe.baudrate} Bd")
+    asked = _probes("table", "chamber", *instrument_roles())
+    for name_of_kind, kind, probe in [*asked, *(_others(asked, port) if thorough else ())]:
+        say(" ".join([f"{port}: {name_of_kind} at {probe.baudrate} Bd", *_numbers(probe)]))
         try:
             identity = _ask(name_of_kind, kind, probe, port, Connection(name, clock, None))
         except (ConfigurationError, LinkLost) as error:
@@ -50,11 +56,33 @@ def identify_port(port: str, clock: Clock, say: Callable[[str], None], name: str
         except BenchError:
             continue
         device = " ".join(part for part in (identity.maker, identity.model, identity.serial_number) if part)
-        keys = {key: value for key, value in probe.keys.items() if isinstance(value, bool | int)}
-        more = "".join(f", {key} = {str(value).lower()}" for key, value in keys.items())
+        more = "".join(f", {key}" for key in _numbers(probe))
         at = "TCP" if "://" in port else f"{probe.baudrate} Bd"
         return Finding(port, name_of_kind, f"{device} ({at}{more})")
-    return Finding(port, "", "nothing known answers")
+    more = "" if thorough else "; --thorough asks at other baud rates and addresses"
+    return Finding(port, "", f"nothing known answers{more}")
+
+
+def _numbers(probe: Probe) -> list[str]:
+    keys = {key: value for key, value in probe.keys.items() if isinstance(value, bool | int)}
+    return [f"{key} = {str(value).lower()}" for key, value in keys.items()]
+
+
+def _others(asked: list[tuple[str, Any, Probe]], port: str) -> list[tuple[str, Any, Probe]]:
+    """Return the same questions at other baud rates of a serial port, then at other addresses of a bus."""
+    known = {(name, probe.baudrate) for name, _, probe in asked}
+    bauds = () if "://" in port else OTHER_BAUDS
+    return [
+        (name, kind, replace(probe, baudrate=baud))
+        for baud in bauds
+        for name, kind, probe in asked
+        if (name, baud) not in known
+    ] + [
+        (name, kind, replace(probe, keys={**probe.keys, "address": address}))
+        for address in OTHER_ADDRESSES
+        for name, kind, probe in asked
+        if any(field.name == "address" for field in fields(kind.config))
+    ]
 
 
 def _listen(port: str, clock: Clock, say: Callable[[str], None], name: str) -> tuple[bytes, int]:

@@ -54,6 +54,10 @@ class Plant(BaseModel):
     gap_model: dict[str, Path] = Field(default_factory=dict)
     """Unit id -> model file (nominal, or written by `gyrobench gap close`): its effects and noise in place of the
     unit's own errors. Relative to the plant file."""
+    actual: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    """Port name (table, chamber, a unit's or instrument's name) -> keys of its section as the device really has
+    them: baudrate, address, rate_hz and others; also bytesize, parity, stopbits. A device named here
+    understands only what is sent with its own settings; one that is not understands any."""
     fault: tuple[Fault, ...] = ()
 
     def _modelled(self, unit: str) -> Model | None:
@@ -247,8 +251,12 @@ def lab_config(
     file: BenchFile, plant: Plant, clock: Literal["virtual", "wall"] = "virtual", cpu: int | None = None
 ) -> LabConfig:
     """Return what a lab's process is told to be: devices and units of the bench file, physics of the plant."""
+    from bench.lab._actual import as_they_are
+
+    file, lines = as_they_are(file, plant.actual)
     return LabConfig(
         clock=clock,
+        lines=lines,
         seed=plant.seed,
         emulated=plant.metadata(file),
         latitude_deg=file.bench.latitude_deg,

@@ -117,7 +117,7 @@ class FrameGyro(StreamingGyro):
                 where=where,
                 found="nothing",
                 expected=f"frames of {description.title}",
-                remedy="check power, cable and port",
+                remedy=f"check power, cable and port{self.link.set_alike}",
             )
         if frames < _ENOUGH:
             everything = reader_of(self._family)
@@ -129,7 +129,7 @@ class FrameGyro(StreamingGyro):
                 where=where,
                 found=f"messages {others}" if others else heard[:60].hex(" "),
                 expected=_beginnings(self._family),
-                remedy="check the baud rate, and port, description and frame_format in the bench file",
+                remedy="check port, description and frame_format in the bench file" + self.link.set_alike,
             )
         messages = ", ".join(name for name, n in decoder.by_message.items() if n)
         return Identity(

@@ -72,7 +72,7 @@ class ConversingGyro(StreamingGyro):
                 where=self.link.where,
                 found="nothing on the line",
                 expected=self.what,
-                remedy="check power, cable and both RS-422 pairs",
+                remedy=f"check power, cable and both RS-422 pairs{self.link.set_alike}",
             )
         if self.streams(data):
             return DeviceSilent(
@@ -80,14 +80,15 @@ class ConversingGyro(StreamingGyro):
                 where=self.link.where,
                 found=f"its messages, {len(data)} bytes in {self.reply_s:g} s",
                 expected=expected,
-                remedy="check the RS-422 pair from the bench to the gyro; driver = 'frames' only listens",
+                remedy="check the RS-422 pair from the bench to the gyro; driver = 'frames' only listens"
+                + self.link.set_alike,
             )
         return WrongDevice(
             f"something answers {command}, but not as {self.what} does",
             where=self.link.where,
             found=repr(data[-60:]),
             expected=expected,
-            remedy="check port and baud rate in the bench file",
+            remedy=f"check the port in the bench file{self.link.set_alike}",
         )
 
     def _unusable(self, found: str, expected: str) -> ConfigurationError:

@@ -118,6 +118,8 @@ class Link:
     """Told why an exchange is tried again."""
     fence: Callable[[], object] = staticmethod(_nothing)
     """Asks what has an answer unlike any other, and passes over what comes before it (`drivers.kit.retry`)."""
+    spoken = ""
+    """How the bench has set a serial port, e.g. "9600 Bd, 8N1"; empty where there is nothing to set."""
     _discarded_s = -math.inf
 
     def __init__(self, url: str, clock: Clock, *, name: str, tap: Tap | None = None, **settings: Any) -> None:
@@ -132,6 +134,8 @@ class Link:
         self._buffer = bytearray()
         if "://" not in url:  # two programs that read one serial port get half the bytes each
             settings["exclusive"] = True
+            usual = {"baudrate": 9600, "bytesize": 8, "parity": "N", "stopbits": 1}
+            self.spoken = "{baudrate} Bd, {bytesize}{parity}{stopbits}".format(**usual | settings)
         self._settings = settings
         self._opening: Opening | None = None
         self._take_port(self._open())
@@ -188,6 +192,16 @@ class Link:
     def where(self) -> str:
         """The port in words: its name on the bench and where it is."""
         return f"{self.name} ({self.url})"
+
+    @property
+    def set_alike(self) -> str:
+        """What to do about settings, to end a remedy."""
+        if not self.spoken:
+            return ""
+        return (
+            f"; the bench speaks {self.spoken}: set the device so, or baudrate and address in the bench file "
+            f"as the device has them (`gyrobench ports --thorough --port {self.url}` finds them)"
+        )
 
     def fileno(self) -> int:
         """Return the descriptor to select on."""
@@ -262,7 +276,7 @@ class Link:
                     where=self.where,
                     found=repr(bytes(self._buffer[:60])),
                     expected=f"a reply that ends in {terminator!r}",
-                    remedy="check baud rate and that the bench file names the right device for this port",
+                    remedy=f"check that the bench file names the right device for this port{self.set_alike}",
                 )
             start = max(0, len(self._buffer) - len(terminator) + 1)
             self._wait(deadline, timeout_s)
@@ -302,7 +316,7 @@ class Link:
                 if self._buffer
                 else "nothing",
                 expected="an answer from the device the bench file names",
-                remedy="check power, cable, baud rate and address",
+                remedy=f"check power, cable and address{self.set_alike}",
             )
 
     def _ended(self) -> bool:

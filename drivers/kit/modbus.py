@@ -243,7 +243,7 @@ class ModbusMaster:
             where=self._where,
             found=f"{len(received)} bytes: {received[:40].hex(' ')}" if received else "nothing",
             expected="an answer from the device the bench file names",
-            remedy="check power, cable, baud rate (a Watlow F4 comes with 19200) and the Modbus address",
+            remedy=f"check power, cable and the Modbus address{self._link.set_alike}",
         )
 
     def _refused(self, asked: ModbusPDU, code: int) -> DeviceRefused:

@@ -96,5 +96,5 @@ class PlatformIns(StreamingGyro):
             where=self.link.where,
             found=repr(heard[-60:]),
             expected="sentences that begin with $PINS",
-            remedy="check port and baud rate in the bench file",
+            remedy=f"check the port in the bench file{self.link.set_alike}",
         )

@@ -76,7 +76,13 @@ def _built(config: LabConfig, ports: list[Port]) -> tuple[Lab, dict[str, Act]]:
     streams |= {name: unit for name, unit in power.units.items() if not unit.is_on}
     emulators |= streams
     lab = Lab(
-        plant, ports, emulators, streams, delivery_s=config.delivery_s, lines=_lines(config, emulators, plant)
+        plant,
+        ports,
+        emulators,
+        streams,
+        delivery_s=config.delivery_s,
+        lines=_lines(config, emulators, plant),
+        formats=config.lines,
     )
     power.exchange = lab.exchange
     acts = _acts(plant, lab, emulators["chamber"])

@@ -8,10 +8,12 @@ from collections.abc import Mapping, Sequence, Set
 from typing import Protocol
 
 from drivers.base.errors import ConfigurationError
+from simulators.config import SerialFormat
 from simulators.faults import VANISH, Fault
 from simulators.interfaces import Emulator, StreamingEmulator
 from simulators.lab._line import Line
 from simulators.lab._ports import Port
+from simulators.lab._uart import block_to_bench, to_bench, to_device
 
 _NEVER_NS = 1 << 62
 _NOBODY: frozenset[int] = frozenset()
@@ -43,10 +45,13 @@ class Lab:
         *,
         delivery_s: float,
         lines: Mapping[str, Line] | None = None,
+        formats: Mapping[str, SerialFormat] | None = None,
     ) -> None:
         self.now_ns = 0
         self.ports = list(ports)
         self.lines = dict(lines or {})
+        self._formats = dict(formats or {})
+        """Devices, by port, that understand only what is sent with their own serial settings."""
         self._active = self._active_lines()
         self._plant = plant
         self._emulators = [emulators[port.name] for port in ports]
@@ -66,6 +71,8 @@ class Lab:
         line = self._active.get(index)
         if line is not None:
             data = line.command(data, self.now_ns / 1e9)
+        if (ends := self._ends(index)) and not (data := to_device(data, *ends)):
+            return
         for reply in self._emulators[index].receive(data, self.now_ns / 1e9):
             passed = reply if line is None else line.reply(reply)
             if passed is not None:
@@ -104,6 +111,8 @@ class Lab:
                 _, _, index, data = heapq.heappop(self._replies)
                 port = self.ports[index]
                 if port.is_open and index not in self._gone:
+                    if (ends := self._ends(index)) and not (data := to_bench(data, *ends)):
+                        continue
                     port.write(data)
                     marks.append((index, port.written, now_ns))
                     stop = stop or index == stop_port
@@ -148,6 +157,16 @@ class Lab:
         self._to_unplug.clear()
         self._plug_again()
         return hung_up
+
+    def _ends(self, index: int) -> tuple[SerialFormat, SerialFormat] | None:
+        """Return how bench and device have set a port, None where any setting does.
+
+        A terminal knows 8N1 only, so that is what the bench has.
+        """
+        port = self.ports[index]
+        device = self._formats.get(port.name)
+        baudrate = port.baudrate() if device is not None and port.is_open else 0
+        return (SerialFormat(baudrate), device) if device is not None and baudrate else None
 
     def _active_lines(self) -> dict[int, Line]:
         lines = ((index, self.lines.get(port.name)) for index, port in enumerate(self.ports))
@@ -197,6 +216,8 @@ class Lab:
                 block = line.block(block, since_s, now_s)
             else:
                 line.pass_over(now_s)
+        if is_open and block is not None and block.data and (ends := self._ends(index)):
+            block = block_to_bench(block, *ends)
         if not is_open or block is None or not block.data:
             return False
         before = port.written

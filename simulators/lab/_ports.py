@@ -7,9 +7,11 @@ nobody reads does.
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import select
 import socket
+import struct
 import tempfile
 import tty
 from abc import ABC, abstractmethod
@@ -18,6 +20,9 @@ from pathlib import Path
 from drivers.base.lab_time import MakeRoom
 
 _BLOCK = 65536
+_TCGETS2 = 0x802C542A
+_TERMIOS2 = struct.Struct("=4IB19sII")
+"""Linux's struct termios2: flags, line discipline, control characters, baud rates in and out as numbers."""
 STALL_MS = 20_000
 """Wall time after which a bench that has a port open but does not read it is taken for hung."""
 
@@ -45,6 +50,10 @@ class Port(ABC):
         self.received = 0
         self.written = 0
         self.is_open = True
+
+    def baudrate(self) -> int:
+        """Return what the bench has set, in bit/s; 0 where there is nothing to set."""
+        return 0
 
     def shut(self) -> None:
         """Forget the bench that closed the port."""
@@ -101,6 +110,11 @@ class PtyPort(Port):
     def fileno(self) -> int:
         """Return the master's descriptor, -1 while unplugged."""
         return self._master
+
+    def baudrate(self) -> int:
+        """Return what the bench has set on its side of the terminal."""
+        told = fcntl.ioctl(self._master, _TCGETS2, bytes(_TERMIOS2.size))
+        return int(_TERMIOS2.unpack(told)[-1])
 
     def plug(self) -> None:
         """Make the terminal."""

@@ -55,6 +55,10 @@ def ports(
     identify: Annotated[
         bool, Option("--identify", help="say which known device answers, by queries that only read")
     ] = False,
+    thorough: Annotated[
+        bool,
+        Option("--thorough", help="as --identify, at other baud rates and bus addresses too: takes minutes"),
+    ] = False,
     port: Annotated[
         list[str] | None,
         Option(help="with --identify: this port, also socket://host:port; repeat for several"),
@@ -68,8 +72,8 @@ def ports(
     from drivers.kit.python_can import can
 
     console, serial_ports = Terminal(as_json=as_json), sorted(comports())
-    if identify or port:
-        _print_what_answers(console, port or [place.device for place in serial_ports])
+    if identify or thorough or port:
+        _print_what_answers(console, port or [place.device for place in serial_ports], thorough)
         return
     rows = [(place.device, place.description or "-", place.serial_number or "-") for place in serial_ports]
     if rows:
@@ -86,7 +90,7 @@ def ports(
     console.say_json("result", serial=[dict(zip(heads, row, strict=True)) for row in rows], can=channels)
 
 
-def _print_what_answers(console: Terminal, ports: list[str]) -> None:
+def _print_what_answers(console: Terminal, ports: list[str], thorough: bool) -> None:
     """Print which known device answers on each port."""
     from bench.control.discovery import identify_port
     from drivers.base.clock import WallClock
@@ -99,7 +103,7 @@ def _print_what_answers(console: Terminal, ports: list[str]) -> None:
     try:
         with console.status("") as status:
             for port in ports:
-                answer = identify_port(port, clock, lambda text: status.update(text))
+                answer = identify_port(port, clock, lambda text: status.update(text), thorough=thorough)
                 rows.append((answer.port, answer.driver or "-", answer.text))
         console.table(("port", "driver", "what answers"), rows)
         answers = [dict(zip(("port", "driver", "text"), row, strict=True)) for row in rows]
