@@ -4,6 +4,9 @@ SOURCES has their repositories, none of which is kept here:
 
     git clone https://github.com/EspecNorthAmerica/ChamberConnectLibrary SOURCES/ChamberConnectLibrary
     git clone https://github.com/SiLab-Bonn/basil SOURCES/basil
+    git clone https://github.com/cookednoodle/pystim300 SOURCES/pystim300
+    git clone https://github.com/hipnuc/products SOURCES/products
+    pip install --target SOURCES/minimalmodbus minimalmodbus==2.1.1
 
 Writes the table of docs/instruments.md between its marks. ChamberConnectLibrary is Python 2: a converted copy
 lies in a temporary folder while this runs. Bytes go from the client's own exchange to the emulator and back; an
@@ -28,6 +31,7 @@ from typing import Any
 from pymodbus.framer import FramerRTU
 
 from benchmarks._marks import fill
+from benchmarks._outside_decoders import MODBUS, Decoders, minimalmodbus_client
 from simulators.emulators.espec import EspecEmulator
 from simulators.emulators.watlow import F4Emulator, F4TEmulator
 from simulators.emulators.weiss import WeissEmulator
@@ -139,6 +143,11 @@ def main(sources: Path) -> None:
             rows += _chamber_connect(sources / "ChamberConnectLibrary", Path(folder))
         if (sources / "basil").is_dir():
             rows += _basil(sources / "basil")
+    if (sources / "minimalmodbus").is_dir():
+        rows += _minimalmodbus(sources / "minimalmodbus")
+    decoders = Decoders(sources)
+    for client, unit in decoders.available():
+        rows += _called(client, decoders, [(unit, ())])
     if not rows:
         raise SystemExit(f"{sources} has none of the clients; clone them first:\n{__doc__}")
     lines = [f"| {row.client} | `{row.call}` | {row.result} |\n" for row in rows]
@@ -153,7 +162,7 @@ def _called(name: str, client: Any, calls: Sequence[tuple[str, tuple[Any, ...]]]
         try:
             result = str(getattr(client, call)(*arguments))
         except Exception as error:  # whatever a client raises is its result
-            refused = type(error).__name__ in ("ModbusError", "EspecError")
+            refused = type(error).__name__ in ("ModbusError", "EspecError", "IllegalRequestError")
             result = f"{'refused' if refused else 'fails'}: {error}"
         yield Row(name, text, result if len(result) <= 100 else result[:97] + "...")
 
@@ -241,6 +250,18 @@ def _basil(source: Path) -> Iterator[Row]:
 
     client._intf = types.SimpleNamespace(query=query)
     yield from _called("basil weiss_labevent", client, _BASIL)
+
+
+def _minimalmodbus(source: Path) -> Iterator[Row]:
+    """Yield the rows of minimalmodbus on both Watlow controllers."""
+    sys.path.append(str(source))
+    clients = {
+        "F4": minimalmodbus_client(Line(F4Emulator).ask),
+        "F4T": minimalmodbus_client(Line(lambda plant: F4TEmulator(plant, framing="rtu")).ask),
+    }
+    for controller, call, arguments in MODBUS:
+        name = f"minimalmodbus Watlow {controller}"
+        yield from _called(name, clients[controller], [(call, arguments)])
 
 
 if __name__ == "__main__":
