@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from drivers.base.errors import DeviceRefused
 from drivers.kit.config import LoggerConfig, Mistake, NumberedTexts, key
-from drivers.kit.instruments import Meter, Rest
+from drivers.kit.instruments import Rest
 from drivers.kit.kinds import Connection, Exchange, MeterKind, Probe, Transcript
 from drivers.kit.matching import polled
-from drivers.kit.scpi import ScpiInstrument, channel_list, numbers, query_exchanges
+from drivers.kit.scpi import ScpiMeter, channel_list, numbers, query_exchanges
 
 _OPEN = 1e36
 """What is beyond this is no temperature: the instrument's 9.9E+37."""
@@ -58,7 +58,7 @@ class DaqConfig(LoggerConfig):
         return self.probes.get(channel, self.probe)
 
 
-class DaqLogger(ScpiInstrument, Meter):
+class DaqLogger(ScpiMeter):
     """One instrument (`drivers.kit.instruments.Meter`)."""
 
     _product = "a Keysight 34970A, 34972A, DAQ970A or DAQ973A"
@@ -91,17 +91,11 @@ class DaqLogger(ScpiInstrument, Meter):
                 remedy="check that its modules measure temperatures",
             )
 
-    def request_readings(self) -> None:
-        """Start a scan."""
-        self._settle_input()
-        self._write("READ?")
-        self._state_asked = True
+    def _poll(self) -> Sequence[str]:
+        return ("READ?",)
 
-    def read(self) -> Mapping[str, float]:
-        """Return the temperatures of the scan, degC; NaN for an open sensor."""
-        return self._collected(
-            self.request_readings, lambda: self._read(lambda reply: _readings(reply, self.columns))
-        )
+    def _take_readings(self) -> Mapping[str, float]:
+        return self._read(lambda reply: _readings(reply, self.columns))
 
     def alarms(self) -> list[str]:
         """Return nothing: an open sensor is a gap in its readings, which the bench watches."""

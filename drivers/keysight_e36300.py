@@ -6,7 +6,7 @@ pymeasure's KeysightE36312A.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from drivers.base.errors import ProtocolError
 from drivers.kit.config import SupplyConfig, key
@@ -37,17 +37,11 @@ class E36300Supply(ScpiSupply):
         """Read whether an output is on."""
         return self._query(f"OUTP? (@{output})", lambda reply: flags(reply, 1))[0]
 
-    def request_readings(self) -> None:
-        """Ask for the voltages and currents of all outputs."""
-        self._settle_input()
-        self._write(_poll(self.outputs))
-        self._state_asked = True
+    def _poll(self) -> Sequence[str]:
+        return (_poll(self.outputs),)
 
-    def read(self) -> Mapping[str, float]:
-        """Return voltage and current of every output."""
-        return self._collected(
-            self.request_readings, lambda: self._read(lambda reply: _readings(reply, self.columns))
-        )
+    def _take_readings(self) -> Mapping[str, float]:
+        return self._read(lambda reply: _readings(reply, self.columns))
 
     def _setting(self, output: int) -> Setting:
         volts = self._query(f"VOLT? (@{output})", lambda reply: numbers(reply, 1))

@@ -7,7 +7,7 @@ pymeasure's HMP4040. An output gives power when it is selected (OUTP:SEL) and th
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from typing import TypeVar
 
@@ -56,19 +56,12 @@ class HmpSupply(ScpiSupply):
         selected = self._of(output, "OUTP:SEL?", lambda reply: flags(reply, 1))[0]
         return selected and self._query("OUTP:GEN?", lambda reply: flags(reply, 1))[0]
 
-    def request_readings(self) -> None:
-        """Ask for voltage and current of all outputs, one after the other."""
-        self._settle_input()
-        self._write(*_poll(self.outputs))
-        self._state_asked = True
+    def _poll(self) -> Sequence[str]:
+        questions = ("MEAS:VOLT?", "MEAS:CURR?")
+        return [line for output in self.outputs for line in (f"INST:NSEL {output}", *questions)]
 
-    def read(self) -> Mapping[str, float]:
-        """Return voltage and current of every output."""
-
-        def take() -> dict[str, float]:
-            return {name: self._read(lambda reply: numbers(reply, 1))[0] for name in self.columns}
-
-        return self._collected(self.request_readings, take)
+    def _take_readings(self) -> Mapping[str, float]:
+        return {name: self._read(lambda reply: numbers(reply, 1))[0] for name in self.columns}
 
     def _setting(self, output: int) -> Setting:
         volts = self._of(output, "VOLT?", lambda reply: numbers(reply, 1))
@@ -96,10 +89,6 @@ class HmpSupply(ScpiSupply):
             return self._read(read)
 
         return query_with_retry(self.link, ask)
-
-
-def _poll(outputs: Iterable[int]) -> list[str]:
-    return [line for output in outputs for line in (f"INST:NSEL {output}", "MEAS:VOLT?", "MEAS:CURR?")]
 
 
 def decode_transcript(exchanges: Iterable[Exchange], config: HmpConfig) -> Transcript:

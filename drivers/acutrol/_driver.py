@@ -123,10 +123,8 @@ class AcutrolTable(AcutrolExchanges):
 
     def request_state(self) -> None:
         """Ask for angle and rate without waiting; `read_state` must follow before any other exchange."""
-        self._settle_input()
         self._marked = not self._marked
-        self.link.write(encode_state_query(*self._numbers_by_name.values(), marked=self._marked))
-        self._state_asked = True
+        self._ask_state(encode_state_query(*self._numbers_by_name.values(), marked=self._marked))
 
     def read_state(self) -> TableState:
         """Take the answer to `request_state`."""

@@ -11,7 +11,6 @@ from typing import Literal, TypeVar
 from drivers.base.errors import DeviceRefused, DeviceSilent, ProtocolError
 from drivers.espec.codec import (
     END,
-    MINUTE_S,
     RESOLUTION_C,
     decode_alarms,
     decode_temperatures,
@@ -77,7 +76,7 @@ class EspecChamber(PolledChamber):
     def capabilities(self) -> ChamberCapabilities:
         """Tenths of a degree; ramps by remote programs of whole minutes, at most 99 h 59 min long; no
         sensors."""
-        return ChamberCapabilities(RESOLUTION_C, (0.01, 1000.0), (), MINUTE_S)
+        return ChamberCapabilities(RESOLUTION_C, (0.01, 1000.0), ())
 
     def limits(self) -> ChamberLimits:
         """Read the limits at which the chamber raises an alarm."""
@@ -100,9 +99,7 @@ class EspecChamber(PolledChamber):
 
     def request_state(self) -> None:
         """Send `TEMP?` without waiting; `read_state` must follow before anything else."""
-        self._settle_input()
-        self.link.write(encode_line("TEMP?", self.address))
-        self._state_asked = True
+        self._ask_state(encode_line("TEMP?", self.address))
 
     def read_state(self) -> ChamberState:
         """Take the answer to `request_state`: resolution 0.1 degC."""

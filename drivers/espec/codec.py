@@ -14,7 +14,6 @@ from drivers.base.errors import ProtocolError
 
 END = b"\r\n"
 RESOLUTION_C = 0.1
-MINUTE_S = 60.0
 
 REFUSALS: Mapping[str, str] = {
     "CMD ERR": "the command is not known",

@@ -130,9 +130,7 @@ class AtlTable(PolledTable):
 
     def request_state(self) -> None:
         """Ask for the rate without waiting; `read_state` must follow before anything else."""
-        self._settle_input()
-        self.link.write(RATE + END)
-        self._state_asked = True
+        self._ask_state(RATE + END)
 
     def read_state(self) -> TableState:
         """Take the answer to `request_state` and ask the angle."""

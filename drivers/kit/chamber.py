@@ -6,10 +6,10 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterable
 
-from drivers.base.errors import BenchError, DeviceRefused
+from drivers.base.errors import DeviceRefused
 from drivers.kit.instruments import Chamber, ChamberState, Rest
 from drivers.kit.link import Link
-from drivers.kit.polled import TROUBLES, PolledInstrument
+from drivers.kit.polled import PolledInstrument
 
 START_TIMEOUT_S = 10.0
 START_PAUSE_S = 0.5
@@ -69,18 +69,7 @@ class PolledChamber(PolledInstrument, Chamber):
         to earlier questions are passed over. A refusal does not keep the other commands from being sent.
         """
         self._once_halted()
-        problems: list[BenchError] = []
-        self.link.retrying = True  # whoever makes a bench safe goes from device to device, and comes back
-        try:
-            for step in self._way_to_rest():
-                try:
-                    step()
-                except TROUBLES as error:
-                    problems.append(error)
-        finally:
-            self.link.retrying = False
-        if problems:
-            raise problems[0]
+        self._carry_out_all(self._way_to_rest())
 
     def read_rest(self) -> Rest:
         """Read whether conditioning is off and which set point is left: at rest if it is the safe one."""

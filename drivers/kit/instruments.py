@@ -58,14 +58,12 @@ class ChamberCapabilities:
 
     `temp_resolution_c`: step of its telemetry and set point. `ramp_k_per_min`: slowest and fastest ramp that
     it can be told, None if it cannot be told one. `auxiliary`: numbers of the sensors it can read besides the
-    air, None if it does not say. `ramp_duration_step_s`: a ramp lasts a multiple of this, and is never faster
-    than demanded.
+    air, None if it does not say.
     """
 
     temp_resolution_c: float
     ramp_k_per_min: tuple[float, float] | None
     auxiliary: tuple[int, ...] | None
-    ramp_duration_step_s: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TypeVar
 
 from drivers.base.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError, WrongDevice
@@ -85,10 +85,31 @@ class PolledInstrument(ABC):
             self.halt()
         self._halted = False
 
+    def _carry_out_all(self, steps: Iterable[Callable[[], None]]) -> None:
+        """Carry out every step, whatever becomes of those before it, then raise the first of their troubles."""
+        problems: list[BenchError] = []
+        self.link.retrying = True  # whoever makes a bench safe goes from device to device, and comes back
+        try:
+            for step in steps:
+                try:
+                    step()
+                except TROUBLES as error:
+                    problems.append(error)
+        finally:
+            self.link.retrying = False
+        if problems:
+            raise problems[0]
+
     def _seen(self, error: DeviceSilent) -> str:
         """Return what came of an answer that was not complete, empty if nothing."""
         seen = self.link.discard()
         return repr(seen[:60]) if seen else ""
+
+    def _ask_state(self, question: bytes) -> None:
+        """Write the first question of a state and wait for nothing; `_collected` takes the answer."""
+        self._settle_input()
+        self.link.write(question)
+        self._state_asked = True
 
     def _collected(self, ask: Callable[[], None], take: Callable[[], _T]) -> _T:
         """Return what `take` makes of the answer to a state's first question; `ask` again if it is damaged."""

@@ -6,11 +6,12 @@ Source: SCPI-99 (command and program message syntax, SYSTem:ERRor) and IEEE Std 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TypeVar
 
 from drivers.base.errors import DeviceRefused, ProtocolError
-from drivers.kit.instruments import Identity
+from drivers.kit.instruments import Identity, Meter
 from drivers.kit.kinds import Exchange
 from drivers.kit.link import Link
 from drivers.kit.matching import match_replies
@@ -73,8 +74,8 @@ def query_exchanges(exchanges: Iterable[Exchange]) -> Iterator[tuple[int, str, s
         yield at_ns, request.decode("latin-1"), text
 
 
-class ScpiInstrument(PolledInstrument):
-    """The part of an instrument that speaks SCPI that is the same for every maker.
+class ScpiMeter(PolledInstrument, Meter):
+    """The part of a meter (`drivers.kit.instruments.Meter`) that speaks SCPI that is the same for every maker.
 
     `_models`: how the model in the answer to `*IDN?` begins, one of them.
     """
@@ -85,6 +86,22 @@ class ScpiInstrument(PolledInstrument):
     def __init__(self, link: Link) -> None:
         super().__init__(link)
         self._known_by = f"*IDN? with a model {' or '.join(f'{model}...' for model in self._models)}"
+
+    @abstractmethod
+    def _poll(self) -> Sequence[str]:
+        """Return the lines that ask for a reading, answers in order."""
+
+    @abstractmethod
+    def _take_readings(self) -> Mapping[str, float]:
+        """Return the readings by column, of the answers to `_poll`."""
+
+    def request_readings(self) -> None:
+        """Ask for readings and wait for nothing."""
+        self._ask_state(_lines(*self._poll()))
+
+    def read(self) -> Mapping[str, float]:
+        """Return the readings by column, asked for by `request_readings`; NaN for a sensor that is open."""
+        return self._collected(self.request_readings, self._take_readings)
 
     def _introduction(self) -> Identity:
         fields = [field.strip() for field in self._query("*IDN?", str).split(",")]
@@ -141,7 +158,7 @@ class ScpiInstrument(PolledInstrument):
                 return
 
     def _write(self, *lines: str) -> None:
-        self.link.write("".join(f"{line}\n" for line in lines).encode("ascii"))
+        self.link.write(_lines(*lines))
 
     def _read(self, read: Callable[[str], _T]) -> _T:
         """Take the next answer and return what `read` makes of it."""
@@ -153,6 +170,10 @@ class ScpiInstrument(PolledInstrument):
 
     def _odd(self, found: str, expected: str) -> ProtocolError:
         return misfit(self.link.name, self._where, found, expected)
+
+
+def _lines(*lines: str) -> bytes:
+    return "".join(f"{line}\n" for line in lines).encode("ascii")
 
 
 def _error(reply: str) -> str:

@@ -6,14 +6,14 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
-from drivers.base.errors import BenchError, DeviceRefused
+from drivers.base.errors import DeviceRefused
 from drivers.kit.config import OutputConfig, SupplyConfig
 from drivers.kit.instruments import Rest, Supply
 from drivers.kit.link import Link
-from drivers.kit.polled import TROUBLES
-from drivers.kit.scpi import ScpiInstrument
+from drivers.kit.scpi import ScpiMeter
 
 _SET_V, _SET_A = 0.011, 0.0051
 """A setting that reads back so near is the one that was told: supplies resolve 10 mV and 5 mA, or less."""
@@ -33,6 +33,16 @@ class Setting:
     voltage_v: float
     current_limit_a: float
 
+    def __str__(self) -> str:
+        return f"{self.voltage_v:g} V, at most {self.current_limit_a:g} A"
+
+    def is_near(self, other: Setting) -> bool:
+        """Return whether both are the same but for what a supply resolves."""
+        same_voltage = math.isclose(self.voltage_v, other.voltage_v, rel_tol=1e-3, abs_tol=_SET_V)
+        return same_voltage and math.isclose(
+            self.current_limit_a, other.current_limit_a, rel_tol=1e-3, abs_tol=_SET_A
+        )
+
 
 def columns_of(config: SupplyConfig) -> tuple[str, ...]:
     """Return the names of a supply's readings: voltage and current of every output."""
@@ -41,7 +51,7 @@ def columns_of(config: SupplyConfig) -> tuple[str, ...]:
     )
 
 
-class ScpiSupply(ScpiInstrument, Supply):
+class ScpiSupply(ScpiMeter, Supply):
     """The part of a supply that is the same for every maker.
 
     An output that is on with another voltage or limit than the bench file's is refused before it is changed: what
@@ -75,27 +85,27 @@ class ScpiSupply(ScpiInstrument, Supply):
         self._clear_errors()
         for number, output in self.outputs.items():
             wanted = Setting(output.voltage_v, output.current_limit_a)
-            found = self._setting(number)
-            if _near(found, wanted):
+            read_back = self._setting(number)
+            if read_back.is_near(wanted):
                 continue
             if self.is_on(number):
                 raise DeviceRefused(
                     f"output {number} is on with another setting than the bench file's",
                     where=self._where,
-                    found=f"{found.voltage_v:g} V, at most {found.current_limit_a:g} A",
-                    expected=f"{wanted.voltage_v:g} V, at most {wanted.current_limit_a:g} A, or it is off",
+                    found=str(read_back),
+                    expected=f"{wanted}, or it is off",
                     remedy="switch it off at the supply if it feeds the bench file's unit, or correct the file",
                 )
             self._tell(
                 self._set(number, wanted),
-                lambda n=number, w=wanted: _near(self._setting(n), w),  # type: ignore[misc]
+                lambda n=number, w=wanted: self._setting(n).is_near(w),  # type: ignore[misc]
             )
-            if not _near(found := self._setting(number), wanted):
+            if not (read_back := self._setting(number)).is_near(wanted):
                 raise DeviceRefused(
                     f"output {number} did not take its setting",
                     where=self._where,
-                    found=f"{found.voltage_v:g} V, at most {found.current_limit_a:g} A",
-                    expected=f"{wanted.voltage_v:g} V, at most {wanted.current_limit_a:g} A",
+                    found=str(read_back),
+                    expected=str(wanted),
                     remedy="check that the supply's ranges and its panel allow it",
                 )
 
@@ -114,20 +124,20 @@ class ScpiSupply(ScpiInstrument, Supply):
 
     def alarms(self) -> list[str]:
         """Return outputs that a protection or other hands have switched off, or that limit the current."""
-        found = []
+        alarms = []
         for number, output in self.outputs.items():
             if tripped := self._tripped(number):
-                found.append(f"output {number}: {tripped}")
+                alarms.append(f"output {number}: {tripped}")
             elif self._wanted_on.get(number) and not self.is_on(number):
-                found.append(f"output {number} is off, and not by the bench")
+                alarms.append(f"output {number} is off, and not by the bench")
             elif self._wanted_on.get(number):
                 volts, amperes = self._measured(number)
                 if volts < _LIMITING * output.voltage_v and amperes > _LIMITING * output.current_limit_a:
-                    found.append(
+                    alarms.append(
                         f"output {number} holds its current limit: {amperes:.3g} A at {volts:.3g} V "
                         f"instead of {output.voltage_v:g} V"
                     )
-        return found
+        return alarms
 
     def _measured(self, output: int) -> tuple[float, float]:
         self.request_readings()
@@ -137,18 +147,7 @@ class ScpiSupply(ScpiInstrument, Supply):
     def make_safe(self) -> None:
         """Switch off the outputs that are to be off; the others are not touched."""
         self._once_halted()
-        problems: list[BenchError] = []
-        self.link.retrying = True
-        try:
-            for number in self._to_be_off():
-                try:
-                    self.switch(number, False)
-                except TROUBLES as error:
-                    problems.append(error)
-        finally:
-            self.link.retrying = False
-        if problems:
-            raise problems[0]
+        self._carry_out_all(partial(self.switch, number, False) for number in self._to_be_off())
 
     def read_rest(self) -> Rest:
         """Read which outputs are on: at rest if those that are to be off are."""
@@ -163,9 +162,3 @@ class ScpiSupply(ScpiInstrument, Supply):
 
     def _to_be_off(self) -> list[int]:
         return [number for number, output in self.outputs.items() if output.safe == "off"]
-
-
-def _near(found: Setting, wanted: Setting) -> bool:
-    return math.isclose(found.voltage_v, wanted.voltage_v, rel_tol=1e-3, abs_tol=_SET_V) and math.isclose(
-        found.current_limit_a, wanted.current_limit_a, rel_tol=1e-3, abs_tol=_SET_A
-    )

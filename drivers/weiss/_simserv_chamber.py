@@ -83,10 +83,8 @@ class SimServChamber(WeissChamber):
 
     def request_state(self) -> None:
         """Send the first question of a state without waiting; `read_state` must follow before anything else."""
-        self._settle_input()
         self._questions = self._state_questions()
-        self._request(*self._questions[0])
-        self._state_asked = True
+        self._ask_state(encode_request(*self._questions[0]))
 
     def read_state(self) -> ChamberState:
         """Take the answer to `request_state` and ask the rest."""
