@@ -168,10 +168,7 @@ class Copy:
             ours = (*_PACKAGES, "benchmarks")  # from here on, they are imported from the copy
             for name in [name for name in sys.modules if name.partition(".")[0] in ours]:
                 del sys.modules[name]
-            sys.path[:] = [
-                str(self.root),
-                *(folder for folder in sys.path if Path(folder).resolve() != ROOT),
-            ]
+            sys.path[:] = [str(self.root), *(folder for folder in sys.path if Path(folder).resolve() != ROOT)]
             os.environ |= {
                 "PYTHONPATH": str(self.root),
                 "PYTHONDONTWRITEBYTECODE": "" if keep_compiled else "1",

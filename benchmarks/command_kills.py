@@ -404,16 +404,7 @@ def prepare(root: Path) -> list[Kind]:
     """Make the runs and logs that the commands read; return the kinds."""
     reads = root / "reads"
     reads.mkdir()
-    makers = (
-        _cold_shock,
-        _stepwise,
-        _standard_test,
-        _whirl,
-        _cycle,
-        _heading,
-        _gap,
-        _report,
-    )
+    makers = (_cold_shock, _stepwise, _standard_test, _whirl, _cycle, _heading, _gap, _report)
     kinds = []
     for make in makers:
         kinds.append(make(reads))

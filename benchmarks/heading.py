@@ -179,10 +179,7 @@ def main(plants: int) -> None:
         line(method.name, method, draw_platform, plants)
     lag = METHODS[5]
     line(
-        "LAG9, effect 3e-4",
-        replace(lag, study=(67, 86)),
-        lambda s: draw_platform(s, effect_dph=3e-4),
-        plants,
+        "LAG9, effect 3e-4", replace(lag, study=(67, 86)), lambda s: draw_platform(s, effect_dph=3e-4), plants
     )
     for name, study, structure in (
         ("second pole 2 h, withheld", (76, 91), {"second_pole_h": 2.0}),

@@ -149,10 +149,7 @@ def sbg_lines(count: int) -> bytes:
     }
     frames = np.zeros((count, 2), FRAME_DTYPE)
     frames["id"], frames["dlc"] = (info.identifier, gyro.identifier), (8, 6)
-    frames["data"][:, 0], frames["data"][:, 1] = (
-        info.pack(status, count),
-        gyro.pack(rates, count),
-    )
+    frames["data"][:, 0], frames["data"][:, 1] = (info.pack(status, count), gyro.pack(rates, count))
     return encode_frames(frames.ravel())
 
 

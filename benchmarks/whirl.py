@@ -26,13 +26,7 @@ from bench.analysis.whirl._types import TurnRecord
 from benchmarks._measure import Row, figure
 from benchmarks.whirl_runs import QUIET, STILL, TABLE, Plan, emulate, nominal_angle, reversing
 from drivers.base.clock import host_seconds
-from simulators.plant.wobble import (
-    BACKWARD_LINE,
-    CAGE_LINE,
-    CONSTANT_TILT,
-    PATENT_CLASS,
-    Wobble,
-)
+from simulators.plant.wobble import BACKWARD_LINE, CAGE_LINE, CONSTANT_TILT, PATENT_CLASS, Wobble
 
 _FULL: dict[float, complex] = {**PATENT_CLASS, **CONSTANT_TILT, **BACKWARD_LINE}
 _HOUR = ((3600.0, 6.0),)

@@ -90,9 +90,5 @@ def decode_transcript(exchanges: Iterable[Exchange], config: E36300Config) -> Tr
 
 
 E36300 = MeterKind(
-    E36300Supply,
-    decode_transcript,
-    E36300Config,
-    probes=lambda: [Probe(32, ANY_OUTPUT)],
-    made_safe=True,
+    E36300Supply, decode_transcript, E36300Config, probes=lambda: [Probe(32, ANY_OUTPUT)], made_safe=True
 )

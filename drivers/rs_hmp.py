@@ -121,9 +121,5 @@ def decode_transcript(exchanges: Iterable[Exchange], config: HmpConfig) -> Trans
 
 
 Hmp = MeterKind(
-    HmpSupply,
-    decode_transcript,
-    HmpConfig,
-    probes=lambda: [Probe(33, ANY_OUTPUT)],
-    made_safe=True,
+    HmpSupply, decode_transcript, HmpConfig, probes=lambda: [Probe(33, ANY_OUTPUT)], made_safe=True
 )

@@ -77,12 +77,7 @@ class TestBench:
         return self._run(found, found.parse(parameters), judge)
 
     def drive(
-        self,
-        function: Callable[[Bench], None],
-        /,
-        *,
-        judge: bool = True,
-        demands: Demands | None = None,
+        self, function: Callable[[Bench], None], /, *, judge: bool = True, demands: Demands | None = None
     ) -> TestRun:
         """Run `function(bench)` as a procedure: recorded, limits checked, made safe at the end.
 

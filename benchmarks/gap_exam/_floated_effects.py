@@ -14,14 +14,7 @@ from scipy.signal import lfilter
 from benchmarks.gap_exam._family import Effect, Unit
 from benchmarks.gap_exam._floated_bench import FASTEST_DPS, LATITUDE_DEG
 from benchmarks.gap_exam._geometry import lean_of, sensed_dph
-from benchmarks.gap_exam._signals import (
-    drawn,
-    follow,
-    markov,
-    slope_per_min,
-    smooth_step,
-    spectrum_of_lags,
-)
+from benchmarks.gap_exam._signals import drawn, follow, markov, slope_per_min, smooth_step, spectrum_of_lags
 from benchmarks.gap_exam._stage import Stage
 from drivers.base.arrays import Array
 

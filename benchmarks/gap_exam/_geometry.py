@@ -37,11 +37,7 @@ def sensed_dph(
     # a level component turns on while a step lasts
     blur = np.sinc(np.diff(stage.angle_deg) / 360.0)
     turned = np.stack(
-        (
-            blur * (cosine * axis[0] - sine * axis[1]),
-            blur * (sine * axis[0] + cosine * axis[1]),
-            axis[2],
-        )
+        (blur * (cosine * axis[0] - sine * axis[1]), blur * (sine * axis[0] + cosine * axis[1]), axis[2])
     )
     earth = np.array([earth_rate_north_dph(latitude_deg), 0.0, earth_rate_up_dph(latitude_deg)])
     tilt = Rotation.from_rotvec([tilt_rad[0], -tilt_rad[1], 0.0])

@@ -7,16 +7,10 @@ from drivers.espec._transcript import decode_transcript
 from drivers.kit.kinds import ChamberKind, Probe
 
 EspecP300 = ChamberKind(
-    partial(EspecChamber, model="P-300", rom="P3"),
-    decode_transcript,
-    EspecConfig,
-    probes=lambda: [Probe(30)],
+    partial(EspecChamber, model="P-300", rom="P3"), decode_transcript, EspecConfig, probes=lambda: [Probe(30)]
 )
 EspecScp220 = ChamberKind(
-    partial(EspecChamber, model="SCP-220", rom=""),
-    decode_transcript,
-    EspecConfig,
-    probes=lambda: [Probe(31)],
+    partial(EspecChamber, model="SCP-220", rom=""), decode_transcript, EspecConfig, probes=lambda: [Probe(31)]
 )
 
 __all__ = ["EspecConfig", "EspecP300", "EspecScp220"]

@@ -383,6 +383,5 @@ class LoggerConfig(InstrumentConfig):
     """`[[logger]]`: a temperature logger. `sensors` maps a channel's number to what the sensor is glued to."""
 
     sensors: NumberedTexts = key(
-        min_length=1,
-        description='channel = what its sensor is glued to, e.g. {101 = "fog_1 case"}',
+        min_length=1, description='channel = what its sensor is glued to, e.g. {101 = "fog_1 case"}'
     )

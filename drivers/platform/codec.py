@@ -62,12 +62,7 @@ def parse(line: bytes) -> list[str] | None:
 
 
 def encode_position(
-    counter: int,
-    latitude_deg: float,
-    longitude_deg: float,
-    temp_c: float,
-    cabinet_temp_c: float,
-    status: int,
+    counter: int, latitude_deg: float, longitude_deg: float, temp_c: float, cabinet_temp_c: float, status: int
 ) -> bytes:
     """Return a $PINS sentence; NaN temperatures are sent empty."""
     around = (longitude_deg + 180.0) % 360.0 - 180.0

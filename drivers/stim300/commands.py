@@ -52,13 +52,7 @@ OUTPUTS: dict[str, tuple[str, str, dict[str, tuple[str, str]]]] = {
 """Setting of the description -> sensor of `u`, its name in replies, choice -> (parameter, words) (table 9-51)."""
 SETTINGS = {"s": "SERIAL NUMBER", "n": "PRODUCT", "x": "PART NUMBER", "p": "FW CONFIG"}
 """Parameter of `i` -> what its reply begins with (table 9-35, figures 9-21 to 9-37)."""
-_WORDS = {
-    "rate": "RATE",
-    "acc": "ACCELERATION",
-    "incl": "INCLINATION",
-    "temp": "TEMPERATURE",
-    "pps": "PPS",
-}
+_WORDS = {"rate": "RATE", "acc": "ACCELERATION", "incl": "INCLINATION", "temp": "TEMPERATURE", "pps": "PPS"}
 _MARGIN = 1.1
 
 

@@ -187,11 +187,7 @@ class WatlowChamber(PolledChamber):
         self._modbus.send_write(self._switch_register, self._off)
 
     def _way_to_rest(self) -> Iterable[Callable[[], None]]:
-        return (
-            self._confirm_stop,
-            lambda: self._set_point(self.safe_set_point_c),
-            lambda: self._ramp(None),
-        )
+        return (self._confirm_stop, lambda: self._set_point(self.safe_set_point_c), lambda: self._ramp(None))
 
     def _confirm_stop(self) -> None:
         """Take the answer to the stop; stop again if it is missed, having met that to an earlier question."""

@@ -190,11 +190,7 @@ FORMS = {
         LearnedForm("bias over direction", "attitude", Input.ANGLE | Input.ATTITUDE, _directions),
         LearnedForm("time since power-on", "time since power-on", Input.TIME, _after_power_on),
         LearnedForm(
-            "scale factor since power-on",
-            "rate times time since power-on",
-            Input.TIME,
-            _after_power_on,
-            PPM,
+            "scale factor since power-on", "rate times time since power-on", Input.TIME, _after_power_on, PPM
         ),
         LearnedForm("heat of turning", "square of rate before", Input.TABLE_RATE | Input.HISTORY, _heat),
         LearnedForm("answer to changes of rate", "change of rate", _TURNING, _rate_changes),

@@ -38,10 +38,7 @@ TABLE_POSITION_CREEP = ChannelEffect(
 TABLE_ENCODER_ECCENTRICITY = ChannelEffect(
     "table_encoder_eccentricity",
     "table_angle",
-    (
-        Parameter("arcsec_cos", -3600.0, 3600.0, _ARCSEC),
-        Parameter("arcsec_sin", -3600.0, 3600.0, _ARCSEC),
-    ),
+    (Parameter("arcsec_cos", -3600.0, 3600.0, _ARCSEC), Parameter("arcsec_sin", -3600.0, 3600.0, _ARCSEC)),
     (0.0, 0.0),
     "table angle, once a turn",
     "eccentric encoder disc",

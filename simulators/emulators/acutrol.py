@@ -247,11 +247,7 @@ class AcutrolEmulator:
             raise Refused(NOT_IMPLEMENTED)
         # The question mark is optional on READ (TM-8004-C 4.10.4, ACT2000 compatibility).
         plant = self._one(command.arguments, 1).plant
-        reads = {
-            "POSITION": plant.angle_deg,
-            "RATE": plant.rate_dps,
-            "ACCELERATION": plant.acceleration_dps2,
-        }
+        reads = {"POSITION": plant.angle_deg, "RATE": plant.rate_dps, "ACCELERATION": plant.acceleration_dps2}
         return f"{reads[command.path[-1]](now_s):.6f}"
 
     def _status(self, command: Command, now_s: float) -> str | None:

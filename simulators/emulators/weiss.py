@@ -31,12 +31,7 @@ _INDEXED_READS = (
     *MESSAGE_READS,
     *VARIABLE_READS,
 )
-_WRITES = (
-    Number.SET_SET_POINT,
-    Number.SET_GRADIENT_UP,
-    Number.SET_GRADIENT_DOWN,
-    Number.SET_DIGITAL_OUT,
-)
+_WRITES = (Number.SET_SET_POINT, Number.SET_GRADIENT_UP, Number.SET_GRADIENT_DOWN, Number.SET_DIGITAL_OUT)
 _ARGUMENTS: Mapping[int, int] = {
     **{int(number): 0 for number in Number},
     **{int(number): 1 for number in _INDEXED_READS},

@@ -22,14 +22,7 @@ from drivers.base.arrays import Array
 from drivers.base.constants import ARCSEC_RAD, UG_MPS2, gravity_mps2
 from drivers.kit.config import Mounting
 from simulators.interfaces import GyroSignal
-from simulators.plant.gimbals import (
-    NORTH_WEST_UP,
-    Gimbals,
-    about_up,
-    earth_rate_rad_s,
-    simpson,
-    turned_about,
-)
+from simulators.plant.gimbals import NORTH_WEST_UP, Gimbals, about_up, earth_rate_rad_s, simpson, turned_about
 from simulators.plant.mounting import Mount
 from simulators.plant.noise import NoiseSource, SampleNoise, TickNoise
 from simulators.plant.table import TableAxis

@@ -25,12 +25,7 @@ from simulators.plant.imu import ImuUnit, imu_errors, imu_noise
 from simulators.plant.lab_chamber import LabChamber
 from simulators.plant.mems import mems_unit
 from simulators.plant.model import UnitModel
-from simulators.plant.modelled_channels import (
-    ModelledAir,
-    ModelledTable,
-    lab_channels,
-    says_of,
-)
+from simulators.plant.modelled_channels import ModelledAir, ModelledTable, lab_channels, says_of
 from simulators.plant.modelled_unit import ModelledErrors, modelled
 from simulators.plant.mounting import MOUNTINGS, Mount
 from simulators.plant.noise import NoiseSource

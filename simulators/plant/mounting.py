@@ -53,12 +53,7 @@ class Mount:
         return np.roll(np.array(rows), 0 if self.mounting == "z_up" else under_test, axis=0)
 
 
-def turned_rad(
-    axes_in_table: Array,
-    scale_angles_deg: Array,
-    latitude_deg: float,
-    period_s: float,
-) -> Array:
+def turned_rad(axes_in_table: Array, scale_angles_deg: Array, latitude_deg: float, period_s: float) -> Array:
     """Return the angle in rad each axis turns through between successive edges, float64 (axes, n).
 
     `scale_angles_deg`: at the ends of n intervals of `period_s`, turns counted, float64 (n + 1,). Within an

@@ -69,13 +69,7 @@ class PlatformParameters:
     def quiet(self) -> PlatformParameters:
         """Return the same platform without noise, offsets and ambient changes."""
         return replace(
-            self,
-            ambient_k=0.0,
-            sensor_k=0.0,
-            wander_dph=0.0,
-            offset_as=0.0,
-            white_as=0.0,
-            slow_as=0.0,
+            self, ambient_k=0.0, sensor_k=0.0, wander_dph=0.0, offset_as=0.0, white_as=0.0, slow_as=0.0
         )
 
 

@@ -24,11 +24,7 @@ _CONSEQUENCE = "the estimate would put the exchange into scale factors and angle
 
 
 def require_axis_order(
-    data: Increments,
-    track: Track,
-    resting: NDArray[np.bool_],
-    schedule: Schedule | None,
-    latitude_deg: float,
+    data: Increments, track: Track, resting: NDArray[np.bool_], schedule: Schedule | None, latitude_deg: float
 ) -> None:
     """Raise RecordError naming how gyro or accelerometer axes are exchanged or reversed, if they are.
 

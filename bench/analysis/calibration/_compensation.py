@@ -25,12 +25,7 @@ class ImuCompensation(FittedCompensation):
 
     KIND = "imu-calibration"
     WHAT = "calibration of an IMU"
-    SHAPES: ClassVar = {
-        "parameters": (24,),
-        "sigma": (24,),
-        "covariance": (24, 24),
-        "lever_m": (2, 3),
-    }
+    SHAPES: ClassVar = {"parameters": (24,), "sigma": (24,), "covariance": (24, 24), "lever_m": (2, 3)}
     NAMES: ClassVar = {
         "parameters": "parameters_si",
         "sigma": "sigma_si",
@@ -49,13 +44,7 @@ class ImuCompensation(FittedCompensation):
     declared: tuple[str, ...] = ()
 
     def apply(
-        self,
-        unit_id: str,
-        period_s: float,
-        rate_dps: Array,
-        force_mps2: Array,
-        *,
-        force_unit: bool = False,
+        self, unit_id: str, period_s: float, rate_dps: Array, force_mps2: Array, *, force_unit: bool = False
     ) -> tuple[Array, Array]:
         """Return corrected rates (deg/s) and specific forces (m/s^2), (n, 3) each, of consecutive samples.
 

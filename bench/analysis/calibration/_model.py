@@ -15,14 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bench.analysis.calibration._conventions import (
-    DV,
-    KA_ELEMENTS,
-    STATES,
-    Noise,
-    Site,
-    rotation,
-)
+from bench.analysis.calibration._conventions import DV, KA_ELEMENTS, STATES, Noise, Site, rotation
 from bench.analysis.calibration._schedule import Move, Profile, Schedule
 from bench.analysis.common.attitude import cross_matrix
 from drivers.base.arrays import Array

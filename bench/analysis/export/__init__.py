@@ -2,7 +2,4 @@
 
 from bench.analysis.export._study import NETWORK_FILE, export_study
 
-__all__ = [
-    "NETWORK_FILE",
-    "export_study",
-]
+__all__ = ["NETWORK_FILE", "export_study"]

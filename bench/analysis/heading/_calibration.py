@@ -96,10 +96,7 @@ class Calibration:
         """
         priors, time_s = self.priors, self.grid.time_s
         one = np.ones((len(time_s), 1))
-        blocks = [
-            (self.angles(one), priors.start_as),
-            (self.drifts(one), priors.start_drift_dph),
-        ]
+        blocks = [(self.angles(one), priors.start_as), (self.drifts(one), priors.start_drift_dph)]
         offsets = self.headings()
         if offsets.shape[1]:
             blocks.append((self.angles(offsets), priors.offset_as))

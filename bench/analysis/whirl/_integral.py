@@ -24,11 +24,7 @@ _EVERY_S = 0.1
 
 
 def fit_integral(
-    record: TurnRecord,
-    order: int = 2,
-    *,
-    body_rate_dph: complex = 0j,
-    angle_rad: Array | None = None,
+    record: TurnRecord, order: int = 2, *, body_rate_dph: complex = 0j, angle_rad: Array | None = None
 ) -> Array:
     """Return the series of the integrated residual rate at the measured angle: (order, 4), A_x, A_y, B_x, B_y.
 

@@ -54,11 +54,4 @@ def harmonic_matrix(harmonic: int) -> Array:
     has no unique solution.
     """
     n = float(harmonic)
-    return np.array(
-        [
-            [-1.0, 0.0, 0.0, n],
-            [0.0, -1.0, -n, 0.0],
-            [0.0, n, 1.0, 0.0],
-            [-n, 0.0, 0.0, 1.0],
-        ]
-    )
+    return np.array([[-1.0, 0.0, 0.0, n], [0.0, -1.0, -n, 0.0], [0.0, n, 1.0, 0.0], [-n, 0.0, 0.0, 1.0]])

@@ -80,11 +80,7 @@ def study_whirl_runs(
 
 
 def study_whirl(
-    train: Sequence[Turns],
-    test: Sequence[Turns],
-    *,
-    gauge: Gauge,
-    checksums: dict[str, str] | None = None,
+    train: Sequence[Turns], test: Sequence[Turns], *, gauge: Gauge, checksums: dict[str, str] | None = None
 ) -> WhirlStudy:
     """Fit on `train`, judge on `test` (on `train` if there is none).
 

@@ -22,8 +22,7 @@ def panel(
     ),
     port: Annotated[int, Option(help="port to listen on", min=1, max=65535)] = 8765,
     token: Annotated[
-        str | None,
-        Option(envvar="GYROBENCH_PANEL_TOKEN", help="what a browser must show", show_envvar=True),
+        str | None, Option(envvar="GYROBENCH_PANEL_TOKEN", help="what a browser must show", show_envvar=True)
     ] = None,
     bench: Annotated[
         list[Path] | None,

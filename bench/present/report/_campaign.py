@@ -12,17 +12,7 @@ from bench.present.report import _glossary as glossary
 from bench.present.report import _scores as models
 from bench.present.report._file import REPORT_FILE, write_report
 from bench.present.report._numbers import known, moment, significant, with_unit
-from bench.present.report._page import (
-    Block,
-    Fact,
-    Facts,
-    Headline,
-    Page,
-    Section,
-    Table,
-    Verdict,
-    named,
-)
+from bench.present.report._page import Block, Fact, Facts, Headline, Page, Section, Table, Verdict, named
 from bench.present.report._parts import made, warnings
 from bench.present.report._plots import (
     Comparison,

@@ -52,10 +52,7 @@ _TONES: Mapping[str, Tone] = {
     "not judged": "doubt",
 }
 _TERMS = [
-    (
-        "Not seen above",
-        "The record does not show the figure; with 97.5 % probability it is at most this.",
-    ),
+    ("Not seen above", "The record does not show the figure; with 97.5 % probability it is at most this."),
     ("Value", "Of several runs the one nearest to failing: the largest magnitude where there is no limit."),
     (
         "Verified",

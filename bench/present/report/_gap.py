@@ -40,15 +40,7 @@ from bench.present.report._tables import checksum_table
 from bench.present.sentences import learned_sentences
 
 if TYPE_CHECKING:
-    from bench.analysis.gap import (
-        Cause,
-        Diagnosis,
-        Difference,
-        RateFinding,
-        Shrinkage,
-        Suggestion,
-        Term,
-    )
+    from bench.analysis.gap import Cause, Diagnosis, Difference, RateFinding, Shrinkage, Suggestion, Term
 
 _VERDICTS: dict[str, tuple[str, Tone]] = {
     "no gap": ("No gap beyond noise", "good"),
@@ -58,10 +50,7 @@ _VERDICTS: dict[str, tuple[str, Tone]] = {
     "nothing to identify": ("Nothing to identify", "doubt"),
 }
 _TERMS = [
-    (
-        "Gap",
-        "Gyro output less what the nominal model makes of the same recorded stimulus, above the floor.",
-    ),
+    ("Gap", "Gyro output less what the nominal model makes of the same recorded stimulus, above the floor."),
     (
         "Floor",
         "Noise, from differences of repeated runs where there are any, as a power at every frequency; "
@@ -70,10 +59,7 @@ _TERMS = [
     ("Runs", "Repeats and opposite rates combined: common to all, odd in rate (scale factor), even in rate."),
     ("Significant", "Probability below 1 % that noise does this in any of all cells looked at (Holm)."),
     ("Reducible gap", "Energy under the nominal model less the floor's, in the cells where there is a gap."),
-    (
-        "Free curve",
-        "Any function of one input; where it beats the whole catalogue, the cause is unknown.",
-    ),
+    ("Free curve", "Any function of one input; where it beats the whole catalogue, the cause is unknown."),
 ]
 
 

@@ -11,13 +11,7 @@ import numpy as np
 from bench.present.report._figures import Lane, lanes
 from bench.present.report._gap_where import before_closed, gap_map, keys_of
 from bench.present.report._numbers import DASH, fixed, plain_name, significant
-from bench.present.report._page import (
-    Block,
-    Notes,
-    Row,
-    Table,
-    named,
-)
+from bench.present.report._page import Block, Notes, Row, Table, named
 
 if TYPE_CHECKING:
     from bench.analysis.gap import ChannelFinding

@@ -9,17 +9,7 @@ from typing import TYPE_CHECKING
 from bench.present.report._figures import Panel
 from bench.present.report._gap_where import before_closed, keys_of, left_over_panels
 from bench.present.report._numbers import fixed, moment, plain_name, significant
-from bench.present.report._page import (
-    Cell,
-    Fact,
-    Figures,
-    Headline,
-    Page,
-    Row,
-    Section,
-    Table,
-    Verdict,
-)
+from bench.present.report._page import Cell, Fact, Figures, Headline, Page, Row, Section, Table, Verdict
 
 if TYPE_CHECKING:
     from bench.analysis.gap import LogCurve, LogGap, LogGaps
@@ -30,11 +20,7 @@ _OF_CHANNELS = "What the run differs by beside the gyro's rate; nothing taken ou
 
 
 def log_gaps_page(
-    run_id: str,
-    unit_id: str,
-    models: tuple[str, str],
-    gaps: LogGaps,
-    created_utc: str,
+    run_id: str, unit_id: str, models: tuple[str, str], gaps: LogGaps, created_utc: str
 ) -> Page:
     """Return the page; `models` are the files of the nominal and the closed model."""
     whole = gaps.rate[0]

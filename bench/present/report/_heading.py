@@ -98,7 +98,7 @@ def _verdict(study: HeadingStudy) -> Verdict:
     sentences = [
         f"The {study.model.form} model takes {fixed(median, 1)} % off the heading sensitivity of the "
         "position error"
-        + (f" on {len(held)} held-out logs (median)." if held else " of the log that it was fitted on."),
+        + (f" on {len(held)} held-out logs (median)." if held else " of the log that it was fitted on.")
     ]
     if not held:
         least = fixed(study.model.evidence.least_reduction_percent, 0)

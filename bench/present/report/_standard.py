@@ -12,16 +12,7 @@ from bench.present.report import _parts as parts
 from bench.present.report._budget import TERM, budget_tables
 from bench.present.report._figures import Curve, Lane, lanes
 from bench.present.report._numbers import DASH, moment, unit_text
-from bench.present.report._page import (
-    Block,
-    Fact,
-    Headline,
-    Page,
-    Section,
-    Table,
-    Verdict,
-    named,
-)
+from bench.present.report._page import Block, Fact, Headline, Page, Section, Table, Verdict, named
 from bench.present.report._palette import BLUE, MUTED, ORANGE
 
 if TYPE_CHECKING:
@@ -91,11 +82,7 @@ def standard_test_page(
 def _verdict(results: Sequence[StandardFigures], missing: Sequence[str]) -> Verdict:
     figures = {figure.name: figure for figure in results[0].figures}
     headlines = [
-        Headline(
-            name,
-            parts.stated(figures[name].value, figures[name].bound),
-            unit_text(figures[name].unit),
-        )
+        Headline(name, parts.stated(figures[name].value, figures[name].bound), unit_text(figures[name].unit))
         for name in _HEADLINES
         if name in figures
     ]

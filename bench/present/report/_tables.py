@@ -16,17 +16,7 @@ from bench.present.report._numbers import (
     significant,
     unit_text,
 )
-from bench.present.report._page import (
-    Block,
-    Cell,
-    Fact,
-    Facts,
-    Row,
-    Section,
-    Table,
-    Tone,
-    named,
-)
+from bench.present.report._page import Block, Cell, Fact, Facts, Row, Section, Table, Tone, named
 from bench.present.report._run_content import RunContent
 from bench.record.events.run import Measured
 

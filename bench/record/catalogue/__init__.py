@@ -5,10 +5,4 @@ Loading it takes a few milliseconds: a list of runs is mostly the start of a pro
 
 from bench.record.catalogue._catalogue import Catalogue, CatalogueRow, find_runs, index_runs, root_name
 
-__all__ = [
-    "Catalogue",
-    "CatalogueRow",
-    "find_runs",
-    "index_runs",
-    "root_name",
-]
+__all__ = ["Catalogue", "CatalogueRow", "find_runs", "index_runs", "root_name"]

@@ -26,8 +26,7 @@ def diagnose(
     runs: DiagnosedRuns,
     model: NominalModel,
     held_out: Annotated[
-        list[Path] | None,
-        Option(help="run to judge the closing on: id of one given, folder or mapping file"),
+        list[Path] | None, Option(help="run to judge the closing on: id of one given, folder or mapping file")
     ] = None,
     gyro: DiagnosedGyro = None,
     as_json: Json = False,
