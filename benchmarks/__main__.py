@@ -103,7 +103,7 @@ def _processor() -> str:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         lines = []
-    model = next((each.partition(":")[2].strip() for each in lines if each.startswith("model name")), "")
+    model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "")
     return f"{model}, {platform.machine()}" if model else platform.machine()
 
 

@@ -137,12 +137,12 @@ def shown(found: Sequence[Difference], *, everything: bool = False) -> str:
     """Return differences as text: a paragraph a field, with how often and both values of the first few."""
     lines = []
     for group, some in groupby(sorted(found, key=lambda one: one.group), key=lambda one: one.group):
-        each = list(some)
-        lines.append(f"{group} ({len(each)})")
-        for one in each if everything else each[:_SHOWN]:
+        members = list(some)
+        lines.append(f"{group} ({len(members)})")
+        for one in members if everything else members[:_SHOWN]:
             lines += [f"    {one.file} {one.field}", f"      a: {one.a}", f"      b: {one.b}"]
-        if not everything and len(each) > _SHOWN:
-            lines.append(f"    ... {len(each) - _SHOWN} more")
+        if not everything and len(members) > _SHOWN:
+            lines.append(f"    ... {len(members) - _SHOWN} more")
     return "\n".join([*lines, f"{len(found)} differences"])
 
 
@@ -192,7 +192,7 @@ def _contents(name: str, a: bytes, b: bytes, homes: Homes) -> Found:
     elif a[:3] == b[:3] == b"MDF":
         yield from _measurement_files(name, a, b, homes)
     elif ending in ("bin", "idx", "blf", "onnx", "pdf", "png"):
-        masked = [_masked(name, each) for each in (a, b)]
+        masked = [_masked(name, side) for side in (a, b)]
         if masked[0] != masked[1]:
             yield "bytes", *_bytes(masked[0], masked[1])
     else:
@@ -289,7 +289,7 @@ def _archives(name: str, a: bytes, b: bytes, homes: Homes) -> Found:
         yield "members", str(list(first)), str(list(second))
     for member in first.keys() & second.keys():
         if member.endswith(".npy"):
-            yield from _arrays(member, *(np.load(BytesIO(each[member])) for each in (first, second)))
+            yield from _arrays(member, *(np.load(BytesIO(archive[member])) for archive in (first, second)))
         else:
             for field, left, right in _contents(f"{name}/{member}", first[member], second[member], homes):
                 yield f"{member} {field}", left, right
@@ -311,7 +311,7 @@ def _arrays(field: str, a: np.ndarray[Any, Any], b: np.ndarray[Any, Any]) -> Fou
 
 def _tables(name: str, a: bytes, b: bytes) -> Found:
     """Compare two Parquet files by what is in them, then their bytes."""
-    first, second = (pq.read_table(BytesIO(each)) for each in (a, b))
+    first, second = (pq.read_table(BytesIO(content)) for content in (a, b))
     if first.schema.names != second.schema.names:
         yield "columns", str(first.schema.names), str(second.schema.names)
     if not first.schema.equals(second.schema, check_metadata=True):
@@ -319,7 +319,7 @@ def _tables(name: str, a: bytes, b: bytes) -> Found:
     if first.num_rows != second.num_rows:
         yield "rows", str(first.num_rows), str(second.num_rows)
         return
-    for column in (each for each in first.schema.names if each in second.schema.names):
+    for column in (column for column in first.schema.names if column in second.schema.names):
         yield from _columns(name, column, first[column], second[column])
     if first.equals(second, check_metadata=True):
         yield "bytes", *_bytes(a, b)
@@ -341,7 +341,7 @@ def _columns(name: str, column: str, a: pa.ChunkedArray, b: pa.ChunkedArray) -> 
 def _measurement_files(path: str, a: bytes, b: bytes, homes: Homes) -> Found:
     """Compare two MDF4 files by what is in them: their blocks have times of the host all over them."""
     mdf = importlib.import_module("asammdf").MDF
-    files = [mdf(BytesIO(each)) for each in (a, b)]
+    files = [mdf(BytesIO(content)) for content in (a, b)]
     held = [
         [(one.file_name, bytes(file.extract_attachment(k)[0])) for k, one in enumerate(file.attachments)]
         for file in files

@@ -62,7 +62,7 @@ def in_turns(
 def all_cpu_s() -> float:
     """Return the processor time of this process and of those it has started and that have ended."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(each.ru_utime + each.ru_stime for each in used)
+    return sum(usage.ru_utime + usage.ru_stime for usage in used)
 
 
 def _seconds(work: Work, repeats: int, timer: Timer) -> float:

@@ -27,7 +27,7 @@ _BENCH = Path(__file__).parents[1] / "examples" / "lab.toml"
 
 
 def _live_s() -> float:
-    thread = next(each for each in threading.enumerate() if each.name == "live files")
+    thread = next(running for running in threading.enumerate() if running.name == "live files")
     return 1e-9 * int(Path(f"/proc/self/task/{thread.native_id}/schedstat").read_text().split()[0])
 
 

@@ -309,7 +309,7 @@ def main() -> int:
 
 def _line(name: str, values: list[float], promise_ms: float, whole: list[float]) -> list[str]:
     figures = (statistics.median(values), max(values), promise_ms, max(whole))
-    return [name, str(len(values)), *(f"{each:.1f} ms" for each in figures)]
+    return [name, str(len(values)), *(f"{figure:.1f} ms" for figure in figures)]
 
 
 if __name__ == "__main__":

@@ -69,7 +69,7 @@ def rows(count: int | None = None) -> list[Row]:
         commands = [_command(f"sqlite:///{scratch}/runs.sqlite", runs) for _ in range(_REPEATS)]
         assert len(units) == count
     title = f"{count:,} runs"
-    cpu_s = statistics.median(each for _, each in commands)
+    cpu_s = statistics.median(seconds for _, seconds in commands)
     limit = "limit of the design"
     return [
         figure(

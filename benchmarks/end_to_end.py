@@ -204,7 +204,7 @@ def rows() -> Iterator[Row]:
     yield figure(name, middle.speed, loop, "pyserial read(36) + struct loop, gyro bytes only", unit)
     yield figure(name, middle.speed, 2000.0, "goal", unit)
     loops = [_cpu_s(lambda: frame_loop(n_bytes // 10)) * 10.0 for _ in range(repeats)]
-    cpu_s, loop_s = statistics.median(each.cpu_s for each in timings), statistics.median(loops)
+    cpu_s, loop_s = statistics.median(timing.cpu_s for timing in timings), statistics.median(loops)
     pair = Pair(cpu_s, loop_s, loop_s / cpu_s)
     yield row(
         f"{name}, processor time of bench and lab", pair, "pyserial read(36) + struct loop of its bytes"

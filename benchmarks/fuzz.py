@@ -172,7 +172,7 @@ def _described(family: FrameFamily) -> tuple[Feed, list[bytes]]:
     else:
         line = None
         samples = [vector.hex for vector in family.description.vector]
-        samples += [FrameEncoder(family, each.name).encode(1, {}) for each in family.forms]
+        samples += [FrameEncoder(family, form.name).encode(1, {}) for form in family.forms]
 
     def feed(data: bytes) -> tuple[int, NDArray[np.int64], list[str]]:
         decoder.feed(data)

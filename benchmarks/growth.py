@@ -196,9 +196,9 @@ def _measured() -> Iterator[tuple[Route, list[Cost]]]:
 
 def line(path: Route, costs: Sequence[Cost]) -> str:
     """Return a path's line of the table."""
-    power = exponent(path.times, [each.cpu_s for each in costs])
-    seconds = ", ".join(f"{each.cpu_s:.2g}" for each in costs)
-    memory = ", ".join(f"{each.memory_mib:.0f}" for each in costs)
+    power = exponent(path.times, [cost.cpu_s for cost in costs])
+    seconds = ", ".join(f"{cost.cpu_s:.2g}" for cost in costs)
+    memory = ", ".join(f"{cost.memory_mib:.0f}" for cost in costs)
     times = ", ".join(str(time) for time in path.times)
     return f"| {path.name} | {path.unit} | {times} | {seconds} | {power:.2f} | {memory} |"
 
@@ -218,8 +218,8 @@ def plot(found: Sequence[tuple[Route, Sequence[Cost]]], file: Path) -> None:
     figure, axes = plt.subplots(1, 2, figsize=(11.0, 4.8), layout="constrained")
     for number, (path, costs) in enumerate(found):
         style = {"marker": "o", "markersize": 4, "linewidth": 1.4, "color": colours(number)}
-        axes[0].plot(path.times, [each.cpu_s for each in costs], label=path.name, **style)
-        axes[1].plot(path.times, [max(each.memory_mib, 0.1) for each in costs], **style)
+        axes[0].plot(path.times, [cost.cpu_s for cost in costs], label=path.name, **style)
+        axes[1].plot(path.times, [max(cost.memory_mib, 0.1) for cost in costs], **style)
     axes[0].plot((1, 100), (2e-4, 2e-2), "k--", linewidth=0.8)
     axes[0].annotate("in proportion", (11, 2.1e-3), rotation=24, fontsize=8, va="top")
     axes[1].plot((1, 100), (0.15, 15.0), "k--", linewidth=0.8)

@@ -708,14 +708,14 @@ def _kept() -> dict[str, str]:
 
 def _chosen(words: list[str]) -> list[Mechanism]:
     if words == ["--new"]:
-        return [each for each in MECHANISMS if each.name not in _kept()]
+        return [mechanism for mechanism in MECHANISMS if mechanism.name not in _kept()]
     if words and (part := re.fullmatch(r"(\d+)/(\d+)", words[0])):
         return list(MECHANISMS[int(part[1]) - 1 :: int(part[2])])
-    return [each for each in MECHANISMS if " ".join(words) in each.name]
+    return [mechanism for mechanism in MECHANISMS if " ".join(words) in mechanism.name]
 
 
 def _write(rows: dict[str, str]) -> str:
-    known = [each.name for each in MECHANISMS]
+    known = [mechanism.name for mechanism in MECHANISMS]
     bad = [name for name in known if name in rows and _NONE in rows[name]]
     untried = [name for name in known if name not in rows]
     lines = [
@@ -735,11 +735,11 @@ def main() -> int:
     chosen, rows, bad = _chosen(sys.argv[1:]), _kept(), 0
     with tempfile.TemporaryDirectory() as root:
         guards = Guards(Path(root))
-        for number, each in enumerate(chosen, 1):
-            test = guards.switch_off(each)
+        for number, mechanism in enumerate(chosen, 1):
+            test = guards.switch_off(mechanism)
             bad += _NONE in test
-            rows[each.name] = f"| {each.promise} | {each.name} | {test} | {COMMIT} |"
-            print(f"{number} of {len(chosen)}: {rows[each.name]}", flush=True)
+            rows[mechanism.name] = f"| {mechanism.promise} | {mechanism.name} | {test} | {COMMIT} |"
+            print(f"{number} of {len(chosen)}: {rows[mechanism.name]}", flush=True)
             _write(rows)
     return 1 if bad else 0
 

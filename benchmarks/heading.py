@@ -165,7 +165,7 @@ def rows() -> list[Row]:
         ),
         ("heading effect, fits and runs of 200 h in a second", 1.0 / (fit_s + run_s), 1.0, "demanded", "1/s"),
     )
-    return [figure(*each, least=each[0].endswith("rest")) for each in figures]
+    return [figure(*row, least=row[0].endswith("rest")) for row in figures]
 
 
 def main(plants: int) -> None:
@@ -207,7 +207,7 @@ def line(name: str, method: Method, draw: Callable[[int], PlatformParameters], p
     """Print one row."""
     percent, left = reductions(draw, method, plants)
     p10, p25, median, p90 = np.percentile(percent, [10, 25, 50, 90])
-    known = ["" if each is None else f" ({each:g})" for each in method.study]
+    known = ["" if error is None else f" ({error:g})" for error in method.study]
     print(
         f"{name:44} {method.calibration:11} {f'{p10:.0f}{known[0]}':>12} {p25:5.0f} "
         f"{f'{median:.1f}{known[1]}':>13} "

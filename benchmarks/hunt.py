@@ -80,10 +80,10 @@ def fixed_order() -> Order:
     def order(choices: Sequence[Choice]) -> Sequence[Choice]:
         for step in range(len(FIXED)):
             wanted = FIXED[(len(made) + step) % len(FIXED)]
-            for each in choices:
-                if (each.design.procedure, each.design.text) == wanted:
+            for choice in choices:
+                if (choice.design.procedure, choice.design.text) == wanted:
                     made.append(step)
-                    return [each]
+                    return [choice]
         return []
 
     return order
@@ -136,9 +136,9 @@ def search(case: Case, strategy: str, file: BenchFile, root: Path, seed: int) ->
     hunt = begin_hunt(root / "out", file, NOMINAL, settings, plant=plant, order=orders[strategy])
     began = host_seconds()
     CampaignRunner(hunt.folder, further=hunt.next_run).run()
-    end, steps = hunt.end, [each for each in steps_of(hunt) if each.after is not None]
-    gained = [each.after.gained_nats or 0.0 for each in steps if each.after is not None]
-    expected = sum(each.chosen.expected_nats for each in steps)
+    end, steps = hunt.end, [step for step in steps_of(hunt) if step.after is not None]
+    gained = [step.after.gained_nats or 0.0 for step in steps if step.after is not None]
+    expected = sum(step.chosen.expected_nats for step in steps)
     return Searched(
         case.acts,
         strategy,
@@ -180,11 +180,11 @@ def table(found: Sequence[Searched]) -> str:
         "|---|---|---|---|---|",
     ]
     for strategy in ("search", "fixed", "random"):
-        own = [each for each in found if each.strategy == strategy]
-        right = sum(each.right for each in own)
-        wrong = sum(each.ended == "decided" and not each.right for each in own)
-        hours = statistics.median(each.hours for each in own)
-        ratio = sum(each.gained for each in own) / max(sum(each.expected for each in own), 1e-9)
+        own = [end for end in found if end.strategy == strategy]
+        right = sum(end.right for end in own)
+        wrong = sum(end.ended == "decided" and not end.right for end in own)
+        hours = statistics.median(end.hours for end in own)
+        ratio = sum(end.gained for end in own) / max(sum(end.expected for end in own), 1e-9)
         rows.append(f"| {strategy} | {right} of {len(own)} | {wrong} | {hours:.1f} | {ratio:.2f} |")
     return "\n".join(rows)
 

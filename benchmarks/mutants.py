@@ -303,7 +303,7 @@ def _drawn(room: str, count: int) -> list[Mutant]:
     for place in places:
         chance.shuffle(place)
         text = (ROOT / place[0].file).read_text(encoding="utf-8")
-        one = next((each for each in place if _mutated(each, text) is not None), None)
+        one = next((node for node in place if _mutated(node, text) is not None), None)
         drawn += [] if one is None else [one]
         if len(drawn) == count:
             break

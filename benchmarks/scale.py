@@ -78,14 +78,14 @@ def measured() -> Costs:
 
 def _path(name: str, times: int) -> Cost:
     print(name, flush=True)
-    route = next(each for each in growth.PATHS if each.name == name)
+    route = next(path for path in growth.PATHS if path.name == name)
     with tempfile.TemporaryDirectory(prefix="gyrobench-scale-") as folder:
         return cost(lambda: route.ready(Path(folder), times))
 
 
 def _sizes() -> tuple[float, float]:
     """Return bytes an arrival of the index and bytes a sample of the table of a recorded gyro with noise."""
-    route = next(each for each in growth.PATHS if each.name == "decoding to a table, samples")
+    route = next(path for path in growth.PATHS if path.name == "decoding to a table, samples")
     with tempfile.TemporaryDirectory(prefix="gyrobench-scale-") as scratch:
         folder = Path(scratch)
         route.ready(folder, 10)()
@@ -135,7 +135,7 @@ def table(found: Costs) -> str:
     models_s, lstm_s = sum(found.models.values()), found.models["lstm"] + found.models["hybrid"]
     units, diagnoses = _RUNS / _RUNS_A_UNIT, _RUNS / _RUNS_A_DIAGNOSIS
     raw, index, tables = (
-        _SAMPLES * each / 1e6 for each in (_FRAME_BYTES, found.arrival_bytes, found.table_bytes)
+        _SAMPLES * size / 1e6 for size in (_FRAME_BYTES, found.arrival_bytes, found.table_bytes)
     )
     all_tb = (raw + index + tables) * _GYROS * _RUNS / 1e6
     bench_hours = _RUNS * _RUN_S / 3600.0

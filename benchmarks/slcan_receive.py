@@ -191,7 +191,7 @@ def rows() -> Iterator[Row]:
     ):
         times = [(ours(text), other(other_text)) for _ in range(usual(5, 2))]
         pair = Pair(
-            *(statistics.median(each) for each in (*zip(*times, strict=True), [b / a for a, b in times]))
+            *(statistics.median(column) for column in (*zip(*times, strict=True), [b / a for a, b in times]))
         )
         yield speed_row(title, 1.0, pair, name, "frames/s")
     assert samples_of_ours(samples) == samples_of_cantools(samples) == _SAMPLES

@@ -123,7 +123,7 @@ def cases(count: int, seed: int) -> list[Case]:
 
 def _wire_case(draw: random.Random, faults: list[tuple[str, str]]) -> Case:
     made = [_wire_fault(draw, port, kind) for port, kind in faults]
-    untold = [each for each in made if each.kind == "vanish" or each.duration_s > _MUST_TELL_S]
+    untold = [fault for fault in made if fault.kind == "vanish" or fault.duration_s > _MUST_TELL_S]
     return Case(
         " + ".join(f"{port} {kind}" for port, kind in faults),
         tuple(made),
@@ -272,7 +272,7 @@ class Soak:
         manifest = read_manifest(result.folder)
         if manifest.outcome != result.outcome or (result.outcome != "completed" and not manifest.reason):
             verdict.problems.append(f"the record says {manifest.outcome!r}, {manifest.reason!r}")
-        if result.outcome in case.forbidden or any(each in verdict.outcome for each in case.forbidden):
+        if result.outcome in case.forbidden or any(word in verdict.outcome for word in case.forbidden):
             verdict.problems.append(f"ended as {result.outcome}: {result.reason}")
         if result.duration_s > _LATEST_END_S:
             verdict.problems.append(f"took {result.duration_s:.0f} s")
@@ -297,15 +297,15 @@ class Soak:
         with EmulatedLab(self._file, Plant(seed=11, delivery_s=1.0)) as lab:
             self._number += 1
             result = self._drive(lab.file, Case("the truth"))
-        for each in _GYROS:
-            self._true[each] = set(_frames(result.folder, each))
+        for gyro in _GYROS:
+            self._true[gyro] = set(_frames(result.folder, gyro))
         return self._true[name]
 
 
 def _frames(folder: Path, name: str) -> Counter[tuple[str, ...]]:
     """Return what the record accepts as valid of a gyro's frames, without temperature: it may lag."""
     manifest = read_manifest(folder)
-    section = next(each for each in bench_file_from(manifest.bench).gyro if each.name == name)
+    section = next(entry for entry in bench_file_from(manifest.bench).gyro if entry.name == name)
     data = (folder / "raw" / f"{name}.bin").read_bytes()[int(manifest.stream[name]["start_offset"]) :]
     columns = load_kind("gyro", section.driver).decoder(section).feed(data).columns
     path = folder / f"gyro_{name}.parquet"

@@ -60,7 +60,7 @@ def _positions() -> list[tuple[float, float]]:
     eighths = [(150.0 * k, 45.0) for k in range(1, 8)]
     halves = [(1500.0, 180.0), (1950.0, 180.0)]
     moves = [((at, 15.0), (at + by / 15.0, 0.0)) for at, by in eighths + halves]
-    return [each for move in moves for each in move]
+    return [change for move in moves for change in move]
 
 
 def _rate_steps() -> list[tuple[float, float]]:

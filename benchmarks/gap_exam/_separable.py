@@ -50,7 +50,7 @@ def indistinct(
     def left(names: Iterable[str]) -> list[float]:
         """Return the chi-square that each name leaves; without a column nothing is taken away."""
         result = []
-        for effect in (effects.get(each) for each in names):
+        for effect in (effects.get(name) for name in names):
             tried: list[Variant | None] = [None]
             if isinstance(effect, Effect):
                 tried = [Variant(effect, dict(shape)) for shape in effect.shapes or ({},)]

@@ -66,7 +66,7 @@ _DAY = ((0.0, 25.0), (6.0, 25.0), (14.0, 48.0), (26.0, 48.0), (42.0, -12.0), (54
 def _positions() -> Rates:
     """Return turns by 60 deg, 20 deg/s, every 180 s; then half turns, axis up and down."""
     moves = [(180.0 * k, 60.0) for k in range(1, 6)] + [(1350.0, 180.0), (1830.0, 180.0)]
-    return [each for at, by in moves for each in ((at, 20.0), (at + by / 20.0, 0.0))]
+    return [change for at, by in moves for change in ((at, 20.0), (at + by / 20.0, 0.0))]
 
 
 def _rate_steps() -> Rates:

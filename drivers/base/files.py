@@ -102,7 +102,7 @@ def parse_toml(content: bytes) -> dict[str, Any]:
         raise ValueError("nested too deep") from error
     level: list[Any] = [data]
     for _ in range(_DEEPEST):
-        level = [inner for each in level for inner in _inner(each)]
+        level = [inner for value in level for inner in _inner(value)]
         if not level:
             return data
     raise ValueError("nested too deep")

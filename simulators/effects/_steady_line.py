@@ -189,7 +189,7 @@ def _fitted(rest: Array, frequency: float) -> _SineFit:
     best, step = frequency, 0.5 / n
     for _ in range(3):
         tries = best + step * np.linspace(-1.0, 1.0, 7)
-        size = [abs(np.exp(-2j * np.pi * each * time) @ (rest * window)) for each in tries]
+        size = [abs(np.exp(-2j * np.pi * frequency * time) @ (rest * window)) for frequency in tries]
         best, step = float(tries[int(np.argmax(size))]), 0.25 * step
     turn = 2.0 * np.pi * best * time
     columns = np.stack((np.cos(turn), np.sin(turn)), axis=1)

@@ -51,7 +51,7 @@ def draw_case(seed: int, kind: str) -> ExamCase:
     if kind == "single":
         effects = (str(rng.choice(known)),)
     elif kind == "pair":
-        effects = tuple(str(each) for each in rng.choice(known, 2, replace=False))
+        effects = tuple(str(name) for name in rng.choice(known, 2, replace=False))
     elif kind == "unknown":
         effects = (str(rng.choice(unknown)),)
     elif kind == "known and unknown":

@@ -169,7 +169,7 @@ class LabPlant:
             unit.switch(at_s, None)
             return
         count = self._power_ons.get(unit_name, 0) + 1
-        config = next(each for each in self.config.units if each.name == unit_name)
+        config = next(entry for entry in self.config.units if entry.name == unit_name)
         unit.switch(at_s, unit_model(config, self.config.seed, count))
         self._power_ons[unit_name] = count
 

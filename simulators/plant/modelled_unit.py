@@ -59,7 +59,7 @@ class ModelledErrors:
         noise = dict(data["noise"])
         walk = noise.pop("rate_random_walk_dph_per_sqrt_h", 0.0)
         terms = tuple(
-            ModelledTerm(each["effect"], tuple(each["values"]), dict(each["shape"])) for each in data["terms"]
+            ModelledTerm(term["effect"], tuple(term["values"]), dict(term["shape"])) for term in data["terms"]
         )
         channels = {name: tuple(values) for name, values in data.get("channels", {}).items()}
         return cls(terms, NoiseParameters(**noise), walk, channels)

@@ -48,7 +48,7 @@ class PlatformNavigator:
     def _step(self, phi: Array) -> None:
         step, state = self._step_s, self._state
         turns = [
-            rotation(each * ARCSEC_RAD) - np.eye(3) for each in (self._phi, 0.5 * (self._phi + phi), phi)
+            rotation(tilt * ARCSEC_RAD) - np.eye(3) for tilt in (self._phi, 0.5 * (self._phi + phi), phi)
         ]
         k1 = self._rate(state, self._angle, turns[0])
         half = self._angle + 0.5 * step * EARTH_RATE_RAD_S

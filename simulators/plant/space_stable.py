@@ -314,9 +314,10 @@ class SpaceStablePlatform:
         key = np.rint(np.mod(heading_deg, 360.0) / 4.0).astype(np.int64) % 90
         vectors = np.zeros((90, 3))
         if sigma:
-            for each in np.unique(key):
-                if each:
-                    vectors[each] = np.random.default_rng([self._seed, stream, int(each)]).normal(0, sigma, 3)
+            for sector in np.unique(key):
+                if sector:
+                    rng = np.random.default_rng([self._seed, stream, int(sector)])
+                    vectors[sector] = rng.normal(0, sigma, 3)
         chosen: Array = vectors[key]
         return chosen
 

@@ -122,8 +122,7 @@ def _decode(
     )
     left_out = "".join(f", {count} {kind} left out" for kind, count in capture.left_out.items())
     console.say(f"{capture.frames} CAN frames{left_out}; rejected: {rejected}")
-    for text in capture.notes:
-        console.say(text)
+    console.say_all(capture.notes)
     if others:
         console.say(f"identifiers that the DBC file does not have: {others}")
     plot = out / f"{path.stem}.png"

@@ -33,6 +33,11 @@ class Terminal(Console):
         """Print a text in one style, without colours for the numbers in it."""
         self.print(text, style=style, highlight=False, soft_wrap=soft_wrap)
 
+    def say_all(self, texts: Iterable[object], style: str | None = None, *, soft_wrap: bool = False) -> None:
+        """Print texts or paths, a line each."""
+        for text in texts:
+            self.say(str(text), style, soft_wrap=soft_wrap)
+
     def parts(self, *parts: str | tuple[str, str]) -> None:
         """Print a line of texts, or texts with their styles."""
         self.print(Text.assemble(*parts))

@@ -147,8 +147,7 @@ def _decode(
         f"{capture.size} bytes: {capture.counts.bytes_skipped} skipped, {capture.pending} left of an unfinished "
         f"message, candidates rejected: {rejected}"
     )
-    for text in capture.counter_notes:
-        console.say(text)
+    console.say_all(capture.counter_notes)
     plot = out / f"{path.stem}.png"
     if write_plot(plot, family, capture):
         console.say(f"plot: {plot}")

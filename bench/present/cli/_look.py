@@ -74,8 +74,7 @@ def look(
         with log.open("rb") as file:
             checksum = hashlib.file_digest(file, "sha256").hexdigest()
         files.append(write_report(report, look_page(found, checksum=checksum, created_utc=utc_now())))
-    for path in files:
-        console.say(f"{path}", soft_wrap=True)
+    console.say_all(files, soft_wrap=True)
     console.say_json(
         "look",
         **found.facts(),
@@ -89,16 +88,13 @@ def _say(console: Terminal, found: Look) -> None:
 
     console.say(clock_words(found))
     console.say(motion_words(found))
-    for remark in found.remarks:
-        console.say(f"  {remark}", style="dim")
-    for question in found.questions:
-        console.say(f"  not known: {question}", style="yellow")
+    console.say_all((f"  {remark}" for remark in found.remarks), style="dim")
+    console.say_all((f"  not known: {question}" for question in found.questions), style="yellow")
     heads = ("axis", "unit", "mean", "1 sigma", "drift a hour")
     console.table(heads, [_row(axis) for axis in found.axes], found.log.name)
     for axis in found.axes:
         console.parts((axis.channel.name, "bold"), f": {noise_words(axis)}")
-        for sentence in _noticed(axis):
-            console.say(f"  {sentence}")
+        console.say_all(f"  {sentence}" for sentence in _noticed(axis))
     console.say(nyquist_words(found), style="dim")
 
 

@@ -131,6 +131,5 @@ def _write(console: Terminal, files: dict[Path, str], **words: str) -> list[Path
 
 def _say_next(console: Terminal, files: list[Path], *commands: str) -> None:
     console.say("try it:")
-    for command in commands:
-        console.say(f"    {command}", soft_wrap=True)
+    console.say_all((f"    {command}" for command in commands), soft_wrap=True)
     console.say_json("result", files=files, next=commands)

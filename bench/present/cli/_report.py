@@ -97,5 +97,4 @@ def say_certificate(console: Terminal, content: CertificateContent) -> None:
     console.table(("unit", "verdict", "limits met"), rows, content.title)
     for unit in content.units:
         failed = [f"{f.name}: {f.judgement}" for f in unit.figures if f.judgement in ("fail", "not measured")]
-        for text in [*unit.against, *failed]:
-            console.say(f"{unit.unit_id}: {text}", style="red")
+        console.say_all((f"{unit.unit_id}: {text}" for text in [*unit.against, *failed]), style="red")

@@ -257,8 +257,7 @@ def verify(run: list[Path], as_json: Json = False) -> None:
             continue
         failed = True
         console.parts(("differs", "red"), f"  {name}")
-        for problem in report.problems:
-            console.say(f"  {problem.path}: {problem.text}")
+        console.say_all(f"  {problem.path}: {problem.text}" for problem in report.problems)
     console.say_json("result", verified=found)
     sys.exit(1 if failed else 0)
 

@@ -240,7 +240,5 @@ def _print(console: Terminal, evaluation: Evaluation) -> None:
         f"worst sigma/target {evaluation.merit.worst:.3f}, rms {evaluation.merit.rms:.3f}, rank "
         f"{evaluation.degrees.rank} of {len(calibration.STATE_NAMES)}"
     )
-    for combination in evaluation.combinations:
-        console.say(f"poorly seen: {combination}")
-    for text in evaluation.warnings:
-        console.say(f"note: {text}")
+    console.say_all(f"poorly seen: {combination}" for combination in evaluation.combinations)
+    console.say_all(f"note: {text}" for text in evaluation.warnings)

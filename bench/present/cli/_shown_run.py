@@ -91,8 +91,7 @@ def say_result(console: Terminal, result: RunResult, *, kind: str = "run", **fie
         console.say(result.reason, style=style)
     if result.outcome == "aborted":
         _say_aftermath(console, result, alone=kind == "result")
-    for warning in result.warnings:
-        console.say(f"warning: {warning}", style="yellow")
+    console.say_all((f"warning: {warning}" for warning in result.warnings), style="yellow")
 
 
 def _say_aftermath(console: Terminal, result: RunResult, *, alone: bool) -> None:

@@ -59,8 +59,7 @@ def plan(
     warnings = plan_warnings(campaign)
     facts = {"outcome": "planned", "duration_s": planned[-1].end_s, "chamber_s": chamber_s, "bytes": bytes_}
     console.say_json("result", **facts, warnings=warnings)
-    for text in warnings:
-        console.say(f"warning: {text}", style="yellow")
+    console.say_all((f"warning: {text}" for text in warnings), style="yellow")
 
 
 def plan_warnings(campaign: Campaign) -> list[str]:
@@ -110,8 +109,7 @@ def _print_plan(
     if about:
         console.print("estimates of the procedures; without --quick a rehearsal gives steps and bytes")
     asked = list(dict.fromkeys(question for row in planned for question in row.questions))
-    for question in asked:
-        console.say(f"will ask: {question}")
+    console.say_all(f"will ask: {question}" for question in asked)
     for notice in campaign.notify:
         to = notice.webhook or notice.file or " ".join(notice.command or ())
         console.say(f"tells {to}: {', '.join(notice.on)}")

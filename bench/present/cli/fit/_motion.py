@@ -146,8 +146,7 @@ def heading_effect(
             HeadingCompensation.from_fit(study.model, unit_of_log(log), runs).save(part / HEADING_FILE)
         write_report(part / "report.html", page)
     console.say_json("result", **_heading_facts(study), folder=out)
-    for finding in study.findings:
-        console.say(f"{finding.what}: {finding.consequence}", style="yellow")
+    console.say_all((f"{finding.what}: {finding.consequence}" for finding in study.findings), style="yellow")
     if not caused:
         console.say(_not_temperature(study), style="bold red")
         sys.exit(4)

@@ -124,11 +124,9 @@ def stepwise(
             write_report(part / "report.html", page)
         _print_equations(console, study)
         console.say(f"{study.chosen.name}: {study.chosen.compensation.equation()}")
-        for name, why in study.left_out:
-            console.say(f"{name} left out: {why}", style="yellow")
+        console.say_all((f"{name} left out: {why}" for name, why in study.left_out), style="yellow")
         for run in (*study.training, *study.tests):
-            for remark in run.remarks:
-                console.say(f"{run.run_id}: {remark}", style="yellow")
+            console.say_all((f"{run.run_id}: {remark}" for remark in run.remarks), style="yellow")
         console.say(f"files in {folder}")
         facts[unit] = _stepwise_facts(study) | {"folder": folder}
     console.say_json("result", units=facts, warnings=warnings)
@@ -200,12 +198,9 @@ def chamber_cycle(
     ]
     heads = ("axis", "before", "T only", "gain %", "T, rate, past", "gain %")
     console.table(heads, rows, f"1 sigma (rms with the offset between legs) of {log.name} on its last leg")
-    for axis in study.axes:
-        console.say(f"{axis.axis}: {axis.verdict}")
-    for name, why in study.failed:
-        console.say(f"{name}: not judged: {why}", style="yellow")
-    for remark in study.remarks:
-        console.say(remark, style="yellow")
+    console.say_all(f"{axis.axis}: {axis.verdict}" for axis in study.axes)
+    console.say_all((f"{name}: not judged: {why}" for name, why in study.failed), style="yellow")
+    console.say_all(study.remarks, style="yellow")
     console.say(f"{out}")
     keys = ("axis", "before", "after_static", "after_dynamic", "static_pct", "dynamic_pct", "verdict")
     axes = [{key: getattr(axis, key) for key in keys} for axis in study.axes]

@@ -61,12 +61,12 @@ def standard_test(
     console.say(f"{out}")
     by_run = [
         {
-            "run_id": each.run_id,
-            "figures": each.figures,
-            "missing": dict(each.missing),
-            "uncertainty": {figure.name: _uncertainty(figure) for figure in each.figures},
+            "run_id": result.run_id,
+            "figures": result.figures,
+            "missing": dict(result.missing),
+            "uncertainty": {figure.name: _uncertainty(figure) for figure in result.figures},
         }
-        for each in results
+        for result in results
     ]
     console.say_json("result", runs=by_run, over_runs=over_runs, warnings=warnings, file=out)
 
@@ -175,7 +175,5 @@ def _print(console: Terminal, estimate: Estimate, content: CalibrationContent) -
         grid.add_row(*cells, style="red" if sigma > target else "")
     console.print(grid)
     console.say(f"innovations rms {estimate.innovation_rms:.3f} (1 if the noise is as assumed)")
-    for text in content.poorly_seen:
-        console.say(f"poorly seen: {text}")
-    for text in content.warnings:
-        console.say(f"note: {text}")
+    console.say_all(f"poorly seen: {text}" for text in content.poorly_seen)
+    console.say_all(f"note: {text}" for text in content.warnings)

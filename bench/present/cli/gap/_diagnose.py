@@ -168,7 +168,5 @@ def close(
     save_file(path, gap.model_text(closed))
     tables = gap.write_missing(closed, given.shown, path)
     console.say_json("result", **facts, file=path, tables=tables)
-    for written in (path, *tables):
-        console.say(f"{written}", soft_wrap=True)
-    for sentence in learned_sentences(found.rate.learned) if found.position is None else ():
-        console.say(sentence)
+    console.say_all((path, *tables), soft_wrap=True)
+    console.say_all(learned_sentences(found.rate.learned) if found.position is None else ())

@@ -92,7 +92,7 @@ def hunt(
 def _say_next(console: Terminal, search: Hunt) -> None:
     from bench.record.events.campaign import NextRun
 
-    chosen = [each for each in search.steps if isinstance(each, NextRun)]
+    chosen = [step for step in search.steps if isinstance(step, NextRun)]
     if not chosen:
         return
     run = chosen[-1]
@@ -106,11 +106,11 @@ def _say_next(console: Terminal, search: Hunt) -> None:
 def _say_state(console: Terminal, search: Hunt) -> None:
     from bench.record.events.campaign import Sought
 
-    state = [each for each in search.steps if isinstance(each, Sought)][-1]
+    state = [step for step in search.steps if isinstance(step, Sought)][-1]
     console.say_json("sought", **state.fields())
     gained = "" if state.gained_nats is None else f", {state.gained_nats:.2f} nats gained"
     console.say(f"so far: {_answer(state)}{gained}, {state.used_h:.1f} h used")
-    others = sorted(state.probabilities.items(), key=lambda each: -each[1])[1:4]
+    others = sorted(state.probabilities.items(), key=lambda row: -row[1])[1:4]
     if rest := ", ".join(f"{name} {100 * value:.0f} %" for name, value in others if value >= 0.01):
         console.say(f"  or {rest}", style="dim")
 
@@ -126,13 +126,13 @@ def _say_end(console: Terminal, search: Hunt, outcome: str, reason: str) -> int:
     end, steps = search.end, steps_of(search)
     rows = [
         (
-            each.chosen.run,
-            f"{each.chosen.hours:.1f} h",
-            f"{each.chosen.expected_nats:.2f}",
-            "" if each.after is None or each.after.gained_nats is None else f"{each.after.gained_nats:.2f}",
-            "" if each.after is None else f"{each.after.acts} {100 * each.after.probability:.0f} %",
+            step.chosen.run,
+            f"{step.chosen.hours:.1f} h",
+            f"{step.chosen.expected_nats:.2f}",
+            "" if step.after is None or step.after.gained_nats is None else f"{step.after.gained_nats:.2f}",
+            "" if step.after is None else f"{step.after.acts} {100 * step.after.probability:.0f} %",
         )
-        for each in steps
+        for step in steps
     ]
     console.table(("run", "expected", "nats expected", "gained", "then"), rows)
     facts = {"outcome": outcome, "reason": reason, "ended": "" if end is None else end.ended}
@@ -157,8 +157,7 @@ def _say_end(console: Terminal, search: Hunt, outcome: str, reason: str) -> int:
     )
     if end.ended == "decided" and not end.confirmed:
         console.say("not confirmed: no run that fits into the bench time left would show it again")
-    for text in elsewhere:
-        console.say(f"this would tell more: {text}")
+    console.say_all(f"this would tell more: {text}" for text in elsewhere)
     return 0 if end.ended == "decided" else 4
 
 
@@ -168,7 +167,7 @@ def _write_page(report: Path, search: Hunt) -> None:
 
     found = search.diagnosis
     assert found is not None
-    states = [each.folder for each in search.folder.states() if each.outcome == "completed"]
+    states = [state.folder for state in search.folder.states() if state.outcome == "completed"]
     folders = [folder for folder in states if folder is not None]
     given = gap.read_recordings(folders, gyro=search.gyro.name)
     shown = gap.differences(given.shown, found.model, gap.closed_model(found))

@@ -85,8 +85,7 @@ def _print_verdict(console: Terminal, unit_id: str, verdict: str) -> None:
 
 
 def _print_warnings(console: Terminal, warnings: Sequence[str]) -> None:
-    for warning in warnings:
-        console.say(f"  {warning}", style="yellow")
+    console.say_all((f"  {warning}" for warning in warnings), style="yellow")
 
 
 def _said(cause: Cause[Any]) -> str:
@@ -139,8 +138,7 @@ def _print_channels(console: Terminal, channels: Sequence[ChannelFinding]) -> No
     for channel in seen:
         for cause in channel.causes:
             console.say(f"  {cause.name} ({100 * cause.probability:.0f} %): {channel.told(cause)}")
-        for name in channel.stochastic:
-            console.say(f"  {channel.scatter(name)}")
+        console.say_all(f"  {channel.scatter(name)}" for name in channel.stochastic)
     for channel in channels:
         if channel.reason:
             console.say(f"  not seen: {channel.signal.replace('_', ' ')}: {channel.reason}", style="dim")
