@@ -56,17 +56,27 @@ class Mountings:
     turnings: list[Turning] = field(default_factory=list)
     _level: dict[str, Array] = field(default_factory=dict)
 
+    def require_known(self, act: Mapping[str, Any]) -> None:
+        """Raise ConfigurationError for a `mount` act without a mounting that there is: nobody is asked that."""
+        mounting = act.get("mounting")
+        if act.get("act") != "mount" or "attitude" in act or mounting in get_args(Mounting):
+            return
+        raise ConfigurationError(
+            "there is no such mounting"
+            if "mounting" in act
+            else "a question to mount a unit does not say how",
+            where='bench.ask(..., act="mount")',
+            found=repr(mounting) if "mounting" in act else "",
+            expected=f"mounting= one of {', '.join(get_args(Mounting))}",
+            remedy="docs/own_procedure.md says where each has the axis under test point",
+        )
+
     def tell(self, act: Mapping[str, Any]) -> None:
         """Note what a `mount` act says; ConfigurationError for a mounting that there is not."""
         if act.get("act") != "mount":
             return
+        self.require_known(act)
         mounting, attitude = act.get("mounting"), act.get("attitude")
-        if attitude is None and mounting not in get_args(Mounting):
-            raise ConfigurationError(
-                "there is no such mounting",
-                found=repr(mounting),
-                expected=", ".join(get_args(Mounting)) + ", or an attitude",
-            )
         for gyro in self.gyros:
             if act.get("unit", gyro.name) != gyro.name:
                 continue

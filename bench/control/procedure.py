@@ -60,6 +60,11 @@ class Procedure:
     """Whether it turns the units about the vertical: their axis then points up with the outer axes at 0."""
     text: str = field(default="", repr=False)
     """Source of a procedure from a file of the user's own; a run keeps it as `procedure.py`."""
+    file: str = ""
+    """That file as it was named, `./my_test.py`."""
+
+    def __repr__(self) -> str:
+        return f"<Procedure: {self.name}: {self.title}, parameters {', '.join(self.parameters.model_fields)}>"
 
     def check_bench(self, file: BenchFile) -> None:
         """Raise ConfigurationError if the bench has no unit that it tests or no axis to turn it about."""
@@ -137,7 +142,7 @@ def find_procedure(name: str) -> Procedure:
     if name in procedures:
         return procedures[name]
     near = difflib.get_close_matches(name, procedures, n=1)
-    remedy = f"did you mean {near[0]!r}" if near else "`gyrobench procedures` lists them"
+    remedy = f"did you mean {near[0]!r}?" if near else "`gyrobench procedures` lists them"
     if name.endswith(".py"):
         remedy = "install the package that has it (docs/own_procedure.md): only run and rehearse take a file"
     raise ConfigurationError(
@@ -177,7 +182,7 @@ def read_procedure(name: str) -> Procedure:
             if found
             else "`gyrobench new procedure NAME` writes a file that has one",
         )
-    return replace(next(iter(found.values())), text=text)
+    return replace(next(iter(found.values())), text=text, file=name)
 
 
 def _module_of(path: Path, name: str) -> ModuleType:
@@ -223,5 +228,5 @@ def _parameter_error(procedure: Procedure, error: ValidationError) -> Configurat
         where=procedure.name,
         found="; ".join(wrong),
         expected="parameters: " + ", ".join(procedure.parameters.model_fields),
-        remedy=f"`gyrobench procedures {procedure.name}` shows units, defaults and limits",
+        remedy=f"`gyrobench procedures {procedure.file or procedure.name}` shows units, defaults and limits",
     )

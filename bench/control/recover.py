@@ -100,7 +100,7 @@ def _complete(folder: Path, manifest: Manifest) -> Manifest:
         reason=reason,
         ended_utc=utc_now(),
         duration_s=duration_s,
-        measurements=tuple(dict(vars(measured)) for _, measured in events.of(Measured)),
+        measurements=tuple(measured.fields() for _, measured in events.of(Measured)),
         operators=operators_of(line.event for line in events.lines),
         repeats=dict(Counter(repeat.device for _, repeat in events.of(Repeat))),
         stream={name: dataclasses.asdict(stream) for name, stream in streams.items()},

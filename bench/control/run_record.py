@@ -146,7 +146,7 @@ class RunRecord:
         """Write one line of events.jsonl."""
         known = self._manifest
         if isinstance(event, Measured):
-            self._note(measurements=(*known.measurements, dict(vars(event))))
+            self._note(measurements=(*known.measurements, event.fields()))
         if isinstance(event, Repeat):
             self._note(repeats=known.repeats | {event.device: known.repeats.get(event.device, 0) + 1})
         if isinstance(event, Answer) and event.mounting is not None:

@@ -39,7 +39,7 @@ from bench.record.events.run import (
 )
 from bench.record.events.safe import Cause, NotSafe, SafeState
 from drivers.base.clock import Clock, host_seconds
-from drivers.base.errors import BenchError, RunAborted
+from drivers.base.errors import BenchError, ConfigurationError, RunAborted
 from drivers.kit.instruments import Chamber, Gyro, Instrument, Turntable
 
 _POLL_S = 1.0
@@ -52,8 +52,7 @@ _KEPT_LINES = 20
 
 class Bench:
     """What a procedure drives. All waiting goes through `wait` and `wait_until`, where telemetry is polled,
-    limits are watched and the record is flushed.
-    """
+    limits are watched and the record is flushed."""
 
     def __init__(
         self,
@@ -122,17 +121,17 @@ class Bench:
         self.event(Note(text))
 
     def measure(
-        self, name: str, value: float, unit: str, *, low: float | None = None, high: float | None = None
-    ) -> bool:
-        """Record a measured value against optional limits; return whether it is inside.
-
-        Without limits nothing is judged: `passed` of the record is then None, never a pass.
+        self, name: str, value: float, unit: str, *, low: float | None = None,
+        high: float | None = None, gyro: str | None = None,
+    ) -> bool:  # fmt: skip
+        """Record a value against optional limits, `gyro`'s or (None) every unit's; return whether it is inside.
+        Without limits `passed` of the record is None, never a pass. ConfigurationError for a gyro not there.
         """
-        inside = (low is None or value >= low) and (high is None or value <= high)
-        judged = None if low is None and high is None else inside
-        self.measurements.append(Measured(name, value, unit, low, high, judged))
-        self.event(self.measurements[-1])
-        return inside
+        if gyro is not None and gyro not in self.gyros:
+            raise ConfigurationError("no gyro to measure that of", where=name, found=repr(gyro))
+        self.measurements.append(measured := Measured.against(name, value, unit, low, high, gyro))
+        self.event(measured)
+        return measured.passed is not False
 
     def invalidate(self, text: str, code: str = "procedure", **facts: Any) -> None:
         """Mark the run invalid for its purpose; it goes on and its data are kept.
@@ -156,6 +155,7 @@ class Bench:
 
     def ask(self, question: str, *, picture: Path | None = None, **act: Any) -> str:
         """Put a question to the operator, with a PNG or JPEG, and wait, telemetry running, for the answer."""
+        self.table.mountings.require_known(act)  # before anybody is asked
         asked = Question(question, act, self._record.keep_picture(picture, self.note))
         self.event(Prompt(question, asked.picture))
         answered = self.operator.ask(asked)

@@ -101,11 +101,9 @@ class TestBench:
         self, name: str, value: float, unit: str, *, low: float | None = None, high: float | None = None
     ) -> float:
         """Put a value that the test computed into the report; AssertionError if it is outside its limits."""
-        inside = (low is None or value >= low) and (high is None or value <= high)
-        judged = None if low is None and high is None else inside
-        measured = Measured(name, float(value), unit, low, high, judged)
+        measured = Measured.against(name, float(value), unit, low, high)
         self._tell(measured)
-        assert inside, _text(measured)
+        assert measured.passed is not False, _text(measured)
         return float(value)
 
     def _run(self, procedure: Procedure, parameters: Parameters, judge: bool) -> TestRun:

@@ -24,7 +24,7 @@ class BenchError(Exception):
         parts = [f"{self.where}: {self.what}" if self.where else self.what]
         for label, text in (("Found", self.found), ("Expected", self.expected), ("Remedy", self.remedy)):
             if text:
-                parts.append(f"{label}: {text.rstrip('.')}.")
+                parts.append(f"{label}: {text}")
         return " ".join(part if part.endswith((".", "!", "?")) else part + "." for part in parts)
 
 

@@ -14,7 +14,7 @@ from bench.control.session import Bench
 from bench.lab.emulated import Plant
 from bench.lab.rehearsal import rehearse_procedure
 from bench.lab.testing import usual_bench
-from bench.record.events.run import Invalid
+from bench.record.events.run import Invalid, Prompt
 from bench.record.recording import Run
 from drivers.base.errors import ConfigurationError
 from drivers.kit.config import AxisConfig, Direction, GyroConfig, Mounting
@@ -75,6 +75,32 @@ def test_an_attitude_says_where_each_axis_points() -> None:
 def test_a_mounting_that_there_is_not_is_refused() -> None:
     with pytest.raises(ConfigurationError, match=r"'z-up'.*axis_horizontal, axis_up, z_up"):
         mountings("x", "up").tell({"act": "mount", "mounting": "z-up"})
+    with pytest.raises(ConfigurationError, match="does not say how"):
+        mountings("x", "up").tell({"act": "mount"})
+
+
+@pytest.mark.parametrize("act", [{}, {"mounting": "sideways"}])
+def test_nobody_is_asked_for_a_mounting_that_there_is_not(tmp_path: Path, act: dict[str, str]) -> None:
+    def run(bench: Bench, p: Parameters) -> None:
+        bench.ask("Mount the unit. Ready?", act="mount", **act)
+
+    procedure = Procedure("t", "t", "t", Parameters, run, lambda p: 60.0, lambda p: Demands())
+    result = rehearse_procedure(procedure, Parameters(), usual_bench(None), Plant(), tmp_path)
+    assert result.outcome == "aborted" and isinstance(result.error, ConfigurationError), result.reason
+    assert not Run.open(result.folder).of(Prompt)
+
+
+def test_a_figure_is_of_a_gyro_that_there_is(tmp_path: Path) -> None:
+    def run(bench: Bench, p: Parameters) -> None:
+        bench.measure("mine", 1.0, "ppm", gyro=bench.judge.name)
+        bench.measure("nobodys", 1.0, "ppm", gyro="gyro_7")
+
+    procedure = Procedure("t", "t", "t", Parameters, run, lambda p: 60.0, lambda p: Demands())
+    result = rehearse_procedure(procedure, Parameters(), usual_bench(None), Plant(), tmp_path)
+    assert isinstance(result.error, ConfigurationError) and "'gyro_7'" in result.reason
+    (row,) = Run.open(result.folder).manifest.measurements
+    names = [gyro.name for gyro in usual_bench(None).gyro]
+    assert row["name"] == "mine" and row["gyro"] == names[0]
 
 
 def test_a_mean_is_held_against_the_rate_that_was_turned_meanwhile() -> None:

@@ -90,7 +90,10 @@ def test_a_rehearsal_from_python_is_read_back(tmp_path: Path) -> None:
     run = gyrobench.open_run(result.folder)
     assert result.outcome == run.manifest.outcome == "completed"
     assert run.manifest.emulated is not None and run.manifest.emulated.seed == 3
-    assert len(repr(run)) < 400 and "procedure known-state, outcome completed" in repr(run)
+    for shown in (run, run.manifest, result, gyrobench.find_procedure("known-state")):
+        assert len(repr(shown)) < 400
+    assert "<table>" in run.manifest._repr_html_()
+    assert "procedure known-state, outcome completed" in repr(run)
     rate_dps = run.gyro("fog_1", ["rate_dps"])["rate_dps"]
     assert rate_dps.ndim == 1
     frame = run.to_pandas("fog_1", ["rate_dps"])

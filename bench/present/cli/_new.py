@@ -18,6 +18,7 @@ from drivers.base.errors import ConfigurationError
 app = Typer(name="new", no_args_is_help=True)
 
 _TEMPLATES = Path(__file__).with_name("templates")
+_OURS = ("bench", "drivers", "gyrobench", "procedures", "simulators")
 Name = Annotated[str, Argument(help="letters, digits, - and _; a letter first")]
 
 
@@ -100,10 +101,11 @@ def _names(name: str) -> tuple[str, str]:
             found=repr(name),
             expected="a letter, then letters, digits, - and _, 48 at most, and no word of the Python language",
         )
-    if module in sys.stdlib_module_names:
-        raise ConfigurationError(
-            "a name that hides a module of Python", found=repr(name), expected="another name"
-        )
+    for whose, taken in (("Python", sys.stdlib_module_names), ("gyrobench", _OURS)):
+        if module in taken:
+            raise ConfigurationError(
+                f"a name that hides a module of {whose}", found=repr(name), expected="another name"
+            )
     return module, module.replace("_", "-").lower()
 
 

@@ -45,6 +45,7 @@ def report(
     from bench.record.figure_limits import NO_LIMITS, load_limits
 
     console, units = Terminal(as_json=as_json), []
+    run = _without_reports(run)
     judged = load_limits(limits) if limits else None
     of_campaign = len(run) == 1 and (run[0] / reports.CAMPAIGN_FILE).exists()
     facts = reports.load_laboratory(dcc) if dcc else None
@@ -70,6 +71,11 @@ def report(
         console.say(f"{printed}", soft_wrap=True)
     console.say_json("result", file=path, pdf=printed, dcc=xml, verdict=verdict or None, units=units)
     sys.exit(NOT_PASSED if verdict == "not passed" else 0)
+
+
+def _without_reports(named: list[Path]) -> list[Path]:
+    """Return what may be a run: `runs/*` names the certificate of the last time, too, which is a file."""
+    return [place for place in named if not place.is_file()] or named
 
 
 def _unit_facts(content: CertificateContent) -> list[dict[str, object]]:

@@ -120,6 +120,7 @@ def export(
 def show(run: Path, as_json: Json = False) -> None:
     """Show what a run was, on what, and how it ended."""
     from bench.present.cli._console import Terminal
+    from bench.present.cli._measured import number, say_measurements
     from bench.record.recording import Run
     from bench.record.run_folder import url_of
     from bench.record.run_notes import read_notes
@@ -135,27 +136,15 @@ def show(run: Path, as_json: Json = False) -> None:
     keys = ("kind", "maker", "model", "serial_number", "firmware")
     devices = [(name, *(getattr(device, key) for key in keys)) for name, device in manifest.devices.items()]
     console.table(("device", *(key.replace("_", " ") for key in keys)), devices)
-    measured = [
-        (
-            row["name"],
-            _number(row["value"], ".6g"),
-            row["unit"],
-            _number(row["low"], "g"),
-            _number(row["high"], "g"),
-            _judged(row),
-        )
-        for row in manifest.measurements
-    ]
-    if measured:
-        console.table(("measurement", "value", "unit", "low", "high", "judged"), measured)
+    say_measurements(console, manifest.measurements)
     streams = [
         (
             name,
             str(stream.get("frames", "-")),
             _lost(stream),
             str(sum((stream.get("rejected") or {}).values())),
-            _number(stream.get("sample_rate_hz"), ".6f"),
-            _number(stream.get("clock_error_ppm"), "+.2f"),
+            number(stream.get("sample_rate_hz"), ".6f"),
+            number(stream.get("clock_error_ppm"), "+.2f"),
         )
         for name, stream in manifest.stream.items()
     ]
@@ -301,16 +290,6 @@ def _bar() -> Iterator[Callable[[int, int], None]]:
         yield show
 
 
-def _number(value: float | None, digits: str) -> str:
-    return "-" if value is None else format(value, digits)
-
-
 def _lost(stream: Mapping[str, Any]) -> str:
     off = stream.get("off")
     return f"{stream.get('lost', '-')}" + (f", {off} not sent while off" if off else "")
-
-
-def _judged(row: Mapping[str, Any]) -> str:
-    if row["low"] is None and row["high"] is None:
-        return "no limits"  # older records say passed there
-    return "inside" if row["passed"] else "outside"

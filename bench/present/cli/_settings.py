@@ -71,7 +71,9 @@ def _unknown(procedure: Procedure, option: str) -> ConfigurationError:
         where=procedure.name,
         found=option,
         expected="options of the command, or parameters of the procedure as --name value",
-        remedy=f"did you mean --{near[0]}" if near else f"`gyrobench procedures {procedure.name}` lists them",
+        remedy=f"did you mean --{near[0]}?"
+        if near
+        else f"`gyrobench procedures {procedure.file or procedure.name}` lists them",
     )
 
 

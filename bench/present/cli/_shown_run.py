@@ -19,6 +19,7 @@ from bench.lab.emulated import Plant
 from bench.lab.rehearsal import rehearse_procedure
 from bench.present.cli._console import Terminal
 from bench.present.cli._display import RunDisplay
+from bench.present.cli._measured import say_measurements
 from bench.present.cli._texts import duration
 from bench.present.sentences import safe_sentence
 from bench.record.benchfile import BenchFile
@@ -89,6 +90,8 @@ def say_result(console: Terminal, result: RunResult, *, kind: str = "run", **fie
     console.parts((result.outcome, style), f"  {result.folder}")
     if result.reason:
         console.say(result.reason, style=style)
+    if kind == "result":
+        say_measurements(console, read_manifest(result.folder).measurements)
     if result.outcome == "aborted":
         _say_aftermath(console, result, alone=kind == "result")
     console.say_all((f"warning: {warning}" for warning in result.warnings), style="yellow")

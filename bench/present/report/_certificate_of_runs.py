@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +18,7 @@ from bench.present.report._certificate import (
 from bench.present.report._file import write_report
 from bench.present.report._run_content import RunContent, run_content
 from bench.present.report._standard import allan_figure
+from bench.record.events.run import Measured
 from bench.record.figure_limits import FIGURES, FURTHER, NO_LIMITS, Decision, Limit, Limits, own_figure
 from bench.record.recording import Run, verify
 from bench.record.run_folder import url_of
@@ -104,7 +105,7 @@ def certificate_content(
     contents: dict[str, RunContent] = {}
     results: dict[str, list[StandardFigures]] = {}
     against: dict[str, list[str]] = {}
-    own: dict[str, list[RunContent]] = {}
+    own: dict[str, list[tuple[str, RunContent]]] = {}
     missing: list[str] = []
     left_out: list[str] = []
     for folder in folders:
@@ -119,7 +120,7 @@ def certificate_content(
             results.setdefault(unit, [])
             reasons += _reasons(content, checks[name])
             if content.valid and checks[name] == "verified":
-                own.setdefault(unit, []).append(content)
+                own.setdefault(unit, []).append((gyro, content))
             if content.manifest.procedure == "standard-test" and content.valid and checks[name] == "verified":
                 result = standard_figures(folder, gyro)
                 results[unit].append(result)
@@ -128,7 +129,7 @@ def certificate_content(
         UnitCertificate(
             unit,
             [*_figures(tests, limits), *_own_figures(own.get(unit, []), limits)],
-            [*dict.fromkeys(against[unit]), *missing],
+            [*dict.fromkeys(against[unit]), *missing, *_not_measured(own.get(unit, []), limits)],
         )
         for unit, tests in results.items()
     ]
@@ -187,10 +188,20 @@ def _figures(results: Sequence[StandardFigures], limits: Limits) -> list[Certifi
     return [_figure(name, by_name.get(name, []), limits.rows.get(name), limits.decision) for name in names]
 
 
-def _own_figures(runs: Sequence[RunContent], limits: Limits) -> list[CertifiedFigure]:
+def _measured(runs: Sequence[tuple[str, RunContent]], procedure: str) -> Iterator[tuple[str, Measured]]:
+    """Yield (run id, measurement) of a procedure's runs of one unit, given with the gyro that it was there.
+
+    A measurement of no gyro belongs to every unit of its run.
+    """
+    for gyro, run in runs:
+        if run.manifest.procedure == procedure:
+            yield from ((run.run_id, item) for item in run.measurements if item.gyro in (None, gyro))
+
+
+def _own_figures(runs: Sequence[tuple[str, RunContent]], limits: Limits) -> list[CertifiedFigure]:
     """Return what procedures measured of a unit and a limit names; in another unit than the limit's it is not it.
 
-    A measurement belongs to every unit of its run. Of several in a run the last one counts.
+    Of several in a run the last one counts.
     """
     figures = []
     for name, limit in limits.rows.items():
@@ -198,15 +209,33 @@ def _own_figures(runs: Sequence[RunContent], limits: Limits) -> list[CertifiedFi
             continue
         procedure, measurement = named
         values = {
-            run.run_id: math.nan if item.value is None else item.value
-            for run in runs
-            for item in run.measurements
-            if run.manifest.procedure == procedure and (item.name, item.unit) == (measurement, limit.unit)
+            run_id: math.nan if item.value is None else item.value
+            for run_id, item in _measured(runs, procedure)
+            if (item.name, item.unit) == (measurement, limit.unit)
         }
         figures.append(
             CertifiedFigure(name, limit.unit, values, limit.low, limit.high, decision=limits.decision)
         )
     return figures
+
+
+def _not_measured(runs: Sequence[tuple[str, RunContent]], limits: Limits) -> Iterator[str]:
+    """Yield why a limit of a procedure's own figure found nothing to judge: a wrong name or unit, or no run."""
+    for name, limit in limits.rows.items():
+        if (named := own_figure(name)) is None:
+            continue
+        procedure, measurement = named
+        units = {item.name: item.unit for _, item in _measured(runs, procedure)}
+        if not units:
+            yield f"{name}: no completed and verified run of {procedure} has a figure of this unit."
+        elif measurement not in units:
+            listed = ", ".join(f"{found} [{unit}]" if unit else found for found, unit in units.items())
+            yield f"{name}: {procedure} did not measure it. It measured {listed}."
+        elif units[measurement] != limit.unit:
+            yield (
+                f"{name}: measured in {units[measurement] or 'no unit'}, "
+                f"its limit is in {limit.unit or 'no unit'}."
+            )
 
 
 def _figure(

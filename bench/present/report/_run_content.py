@@ -95,7 +95,10 @@ class RunContent:
         """What the procedure measured, judged or not."""
         return [
             Measured(
-                row["name"], row.get("value"), row.get("unit", ""), *map(row.get, ("low", "high", "passed"))
+                row["name"],
+                row.get("value"),
+                row.get("unit", ""),
+                *map(row.get, ("low", "high", "passed", "gyro")),
             )
             for row in self.manifest.measurements
         ]

@@ -22,7 +22,11 @@ from drivers.kit.registry import config_class, instrument_roles, one_of, roles
 def load_bench_file(path: Path | str) -> BenchFile:
     """Read and check the bench file at `path`; raises ConfigurationError that lists every mistake."""
     path = Path(path)
-    data, content = read_settings(path, "the bench file", remedy="check the path given with --bench")
+    data, content = read_settings(
+        path,
+        "the bench file",
+        remedy="check the path given with --bench; `gyrobench new bench lab` writes lab.toml",
+    )
     data, mistakes = _with_files(data, path.parent)
     return _checked(data, str(path), hashlib.sha256(content).hexdigest(), True, mistakes)
 

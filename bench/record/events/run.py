@@ -56,7 +56,10 @@ class Answer(Event, kind="answer"):
 
 
 class Measured(Event, kind="measurement"):
-    """A measured number; `passed` is None where there are no limits: nothing was judged."""
+    """A measured number; `passed` is None where there are no limits: nothing was judged.
+
+    `gyro`: the one whose figure it is, None for a figure of the bench or of every unit.
+    """
 
     name: str
     value: Number | None
@@ -64,6 +67,21 @@ class Measured(Event, kind="measurement"):
     low: Number | None
     high: Number | None
     passed: Flag | None
+    gyro: str | None = None
+
+    @classmethod
+    def against(
+        cls,
+        name: str,
+        value: float,
+        unit: str,
+        low: float | None,
+        high: float | None,
+        gyro: str | None = None,
+    ) -> Measured:
+        """Return a value judged by its limits, which are inside themselves; NaN is outside of any."""
+        inside = (low is None or value >= low) and (high is None or value <= high)
+        return cls(name, value, unit, low, high, None if low is None and high is None else inside, gyro)
 
 
 class Series(Event, kind="series"):

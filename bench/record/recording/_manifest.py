@@ -16,6 +16,7 @@ from bench.record.events import Role
 from bench.record.events._base import Number
 from bench.record.recording._events import EVENTS_FILE, record_error
 from bench.record.run_folder import MANIFEST_FILE, PICTURES_FOLDER, PROCEDURE_FILE
+from bench.record.shown import Shown
 from drivers.base.errors import RecordError
 from drivers.base.files import MANIFEST_BYTES, read_bounded, replace_file
 from drivers.base.system import sync_folder
@@ -89,7 +90,7 @@ class FileEntry(_Part):
     bytes: int
 
 
-class Manifest(_Part):
+class Manifest(Shown, _Part):
     """The manifest as written; outcome "running" until the run has been closed."""
 
     format: Literal[1] = 1
@@ -122,6 +123,18 @@ class Manifest(_Part):
     files: dict[FileName, FileEntry] = Field(default_factory=dict)
     seal: str = ""
     """SHA-256 of this manifest's bytes without these 64; empty in runs of before November 2026."""
+
+    def shown(self) -> dict[str, object]:
+        """Return what was asked, on what, and what came of it; `model_dump()` has all of it."""
+        return {
+            "run": self.run_id,
+            "procedure": self.procedure,
+            "parameters": [f"{name} {value}" for name, value in self.parameters.items()],
+            "outcome": self.outcome,
+            **({"reason": self.reason} if self.reason else {}),
+            "units": list(self.units.values()),
+            "measurements": [row["name"] for row in self.measurements],
+        }
 
     @property
     def complete(self) -> bool:
@@ -305,6 +318,7 @@ class _Measurement(_Shape):
     low: Number | None = None
     high: Number | None = None
     passed: bool | None = None
+    gyro: str | None = None
 
 
 class _Site(_Shape):

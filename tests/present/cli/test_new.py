@@ -14,15 +14,20 @@ import pytest
 from bench.control.run_record import decode_run
 from bench.record.events.run import Series
 from bench.record.recording import Run, verify
+from gyrobench._rooms import ROOMS
 
 PROGRAMS = Path(sys.executable).parent
+
+
+def shell() -> dict[str, str]:
+    """Return the environment of a shell in which gyrobench is installed."""
+    return os.environ | {"PATH": f"{PROGRAMS}{os.pathsep}{os.environ['PATH']}"}
 
 
 def typed(command: str, folder: Path) -> str:
     """Type a command in a shell in `folder`; packages are installed beside it, from what is on this machine."""
     site = folder.parent / "site"
-    environment = os.environ | {
-        "PATH": f"{PROGRAMS}{os.pathsep}{os.environ['PATH']}",
+    environment = shell() | {
         "PYTHONPATH": str(site),
         "PIP_TARGET": str(site),
         "PIP_NO_INDEX": "1",
@@ -61,7 +66,10 @@ def refused(command: str, folder: Path) -> str:
 def test_a_procedure_measures_the_scale_factor_of_the_emulated_unit(tmp_path: Path) -> None:
     place = tmp_path / "mine"
     shown = tried("procedure my-test", place)
-    assert "limit_ppm" in shown[1]
+    assert "limit_ppm" in shown[1] and re.search(r"scale_factor_error .* -2000 .* inside", shown[2])
+    assert "`gyrobench procedures ./my_test.py` shows" in refused(
+        "rehearse ./my_test.py --rate-dps -1", place
+    )
     run = run_of(place / "runs")
     assert run.manifest.outcome == "completed" and run.manifest.procedure == "my-test"
     value = {row["name"]: row["value"] for row in run.manifest.measurements}
@@ -79,8 +87,9 @@ def test_a_procedure_measures_the_scale_factor_of_the_emulated_unit(tmp_path: Pa
         (place / "limits.toml").write_text(
             f'[limits."my-test.scale_factor_error"]\nunit = "ppm"\nlow = -2000\nhigh = {high}\n'
         )
-        command = [PROGRAMS / "gyrobench", "report", run.place, "--limits", "limits.toml"]
-        assert subprocess.run(command, cwd=place, capture_output=True).returncode == code
+        # The second time `runs/*` names the first certificate, too.
+        command = "gyrobench report runs/* --limits limits.toml"
+        assert subprocess.run(["bash", "-c", command], cwd=place, env=shell()).returncode == code
     assert verify(run.place, decode_run).passed
     (run.place / "procedure.py").write_text("# another\n")
     assert [problem.path for problem in verify(run.place, decode_run).problems] == ["procedure.py"]
@@ -126,4 +135,6 @@ def test_what_is_there_is_kept_and_a_name_that_cannot_be_is_refused(tmp_path: Pa
     for name in ("../mine", "class", "2nd", "ü"):
         assert "a name that cannot be used" in refused(f"new procedure {name}", tmp_path)
     assert "hides a module of Python" in refused("new driver json", tmp_path)
+    for room in ("gyrobench", *ROOMS):
+        assert "hides a module of gyrobench" in refused(f"new procedure {room}", tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["acme", "mine.py"]

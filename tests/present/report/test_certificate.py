@@ -164,6 +164,38 @@ def test_what_a_procedure_of_the_users_measures_is_judged(
     assert "my-test.error" in render_page(certificate_page(content))
 
 
+@pytest.mark.parametrize(
+    ("values", "unit", "said"),
+    [
+        ((1.0,), "%", "my-test.error: measured in %, its limit is in ppm."),
+        ((1.0,), "", "my-test.error: measured in no unit, its limit is in ppm."),
+        ((), "ppm", "my-test.error: no completed and verified run of my-test has a figure of this unit."),
+    ],
+)
+def test_a_limit_that_finds_nothing_says_why(
+    tmp_path: Path, values: tuple[float, ...], unit: str, said: str
+) -> None:
+    limits = limits_of(tmp_path, '[limits."my-test.error"]\nunit = "ppm"\nhigh = 500\n')
+    content = made([own_run(tmp_path / "runs" / "r", *values, unit=unit)], limits)
+    assert content.units[0].against == [said]
+    other = limits_of(tmp_path, '[limits."my-test.eror"]\nunit = "ppm"\nhigh = 500\n')
+    (told,) = made([own_run(tmp_path / "runs" / "s", 1.0)], other).units[0].against
+    assert told == "my-test.eror: my-test did not measure it. It measured error [ppm]."
+
+
+def test_a_figure_of_one_gyro_counts_for_its_unit_only(tmp_path: Path) -> None:
+    run = own_run(tmp_path / "runs" / "r", 10.0)
+    manifest = read_manifest(run)
+    ((gyro, unit),) = manifest.units.items()
+    for named, judgement in ((gyro, "pass"), ("another", "not measured")):
+        rows = tuple(row | {"gyro": named} for row in manifest.measurements)
+        write_manifest(run, manifest.model_copy(update={"measurements": rows}))
+        limits = limits_of(tmp_path, '[limits."my-test.error"]\nunit = "ppm"\nhigh = 500\n')
+        (certified,) = made([run], limits).units
+        (own,) = [figure for figure in certified.figures if figure.limited]
+        assert (certified.unit_id, own.judgement) == (unit, judgement)
+
+
 def test_a_run_that_is_invalid_gives_no_figure_of_its_own(tmp_path: Path) -> None:
     limits = limits_of(tmp_path, '[limits."my-test.error"]\nunit = "ppm"\nhigh = 500\n')
     run = own_run(tmp_path / "runs" / "r", 10.0)
