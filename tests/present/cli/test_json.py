@@ -23,6 +23,14 @@ LINES = {
     for name, fields in re.findall(r"^\| `(.+?)` \| \w+ \| (.+) \|$", PAGE, re.MULTILINE)
 }
 """Command -> the fields of its last line."""
+TYPES = dict(
+    re.findall(
+        r"^\| (\w+) \| ([a-z ]+) \|",
+        "| outcome" + PAGE.partition("|---|---|---|\n| outcome")[2],
+        re.MULTILINE,
+    )
+)
+"""Field -> its type in words."""
 VALUES = re.findall(r"^\| `(.+?)` \| [^|]+ \|$", PAGE, re.MULTILINE)
 SERVERS = {"panel"}
 
@@ -53,8 +61,33 @@ def printed(folder: Path, *words: object) -> dict[str, Any]:
     return facts
 
 
+def of_type(words: str, value: Any) -> bool:
+    """Whether a value is what the page says of its field."""
+    if words.endswith(" or null"):
+        return value is None or of_type(words.removesuffix(" or null"), value)
+    if words.startswith("list of "):
+        one = {"text": "text", "objects": "object"}[words.removeprefix("list of ")]
+        return isinstance(value, list) and all(of_type(one, entry) for entry in value)
+    kinds = {"text": str, "object": dict, "true or false": bool, "whole number": int, "number": int | float}
+    return isinstance(value, kinds[words]) and (not isinstance(value, bool) or words == "true or false")
+
+
+def test_every_field_has_a_type_and_none_is_left_over() -> None:
+    told = {field for name, listed in LINES.items() if name != "look" for field in listed}
+    assert told == TYPES.keys()
+    assert not of_type("list of text", [1]) and of_type("text or null", None) and not of_type("number", True)
+
+
 def fields(name: str, facts: dict[str, Any]) -> None:
     assert set(facts) - {"kind"} == set(LINES[name]), name
+    for field, value in facts.items():
+        words = "text" if field == "kind" else TYPES[field]
+        assert of_type(words, value) or (name, field) == ("fit stepwise", "units"), (
+            name,
+            field,
+            words,
+            value,
+        )
 
 
 @pytest.mark.slow

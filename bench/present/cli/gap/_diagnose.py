@@ -156,7 +156,7 @@ def close(
     found = gap.diagnose(given.runs, gap.read_model(model), missing=given.missing)
     facts = {"verdict": found.verdict, "effects": list(found.closing)}
     if not found.closing:
-        console.say_json("result", **facts, file=None)
+        console.say_json("result", **facts, file=None, tables=[])
         named = "".join(f", {cause.name}" for cause in found.causes)
         text = f"{found.verdict}{named}: there is no effect to put into the model"
         console.say(text, style="yellow")
