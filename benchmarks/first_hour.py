@@ -48,7 +48,8 @@ _SAID = {
     "make demo": ["chosen on the validation runs", "demo-out/compensation.gyrocomp"],
     "gyrobench gap diagnose cases": ["unit unit: explained", "relaxation", "of the reducible gap is gone"],
     "gyrobench run zero-bias-cold-shock": ["completed  runs/"],
-    "gyrobench rehearse ./my_test.py": ["completed  runs/"],
+    "gyrobench rehearse ./my_test.py": ["completed runs/", "scale_factor_error", "inside"],
+    "gyrobench report runs/* --limits": ["passed", "1 of 1"],
     "gyrobench new procedure": ["my_test.py", "try it:"],
     "gyrobench runs verify first": ["verified", "checksums", "tables rebuilt"],
     "gyrobench frames check my_gyro.toml": ["1 right"],
@@ -64,6 +65,7 @@ _FILES = {
     "gyrobench gap diagnose cases": "exam/gap.html",
     "gyrobench report first": "first.html",
     "gyrobench campaign run": "night/certificate.html",
+    "gyrobench report runs/*": "runs/certificate.html",
 }
 _SERVED = """
 gyrobench lab --virtual --bench {file} --write ports.toml > lab.log 2>&1 & lab=$!
