@@ -200,8 +200,9 @@ def _command(path: list[str], command: Any) -> Iterator[str]:
 
 
 def _usage(argument: Any) -> str:
-    name = argument.metavar or argument.name.upper()
-    return f"{name}..." if argument.nargs == -1 and not name.endswith("...") else str(name)
+    name = (argument.metavar or argument.name).upper()
+    name = f"{name}..." if argument.nargs == -1 and not name.endswith("...") else str(name)
+    return name if argument.required else f"[{name}]"
 
 
 def _option(option: Any) -> str:
@@ -219,7 +220,7 @@ def _default(part: Any) -> str:
     if part.required:
         return "required"
     value = part.default() if callable(part.default) else part.default
-    return "" if value in (None, False, (), []) else f"`{value}`"
+    return "" if value in (None, False, "", (), []) else f"`{value}`"
 
 
 def bench_file_page() -> str:

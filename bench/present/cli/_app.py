@@ -29,18 +29,18 @@ COMMANDS = {
 }
 """Command -> the file here that holds it, in `app`."""
 GROUPS = {
-    "new": ("_new", "Write a procedure, driver, effect, campaign or bench of your own that runs at once."),
-    "operators": ("_operators", "Who may sign in at the panel, and as what."),
-    "runs": ("_runs", "Look at recorded runs."),
-    "campaign": ("campaign", "Many runs from one file: plan, run, resume, watch, rehearse, fit."),
+    "new": ("_new", "Write a procedure, driver, effect, campaign or bench file."),
+    "operators": ("_operators", "Say who may sign in at the panel, and with which role."),
+    "runs": ("_runs", "List, show, check and export recorded runs."),
+    "campaign": ("campaign", "Plan, rehearse, run and resume the runs of one file."),
     "fit": ("fit", "Fit compensations to recorded runs."),
-    "scheme": ("_scheme", "Rotation schemes of the system-level calibration."),
-    "gap": ("gap", "Where simulation and bench part, and which effect is missing."),
+    "scheme": ("_scheme", "Evaluate and search rotation schemes for the calibration."),
+    "gap": ("gap", "Find where simulation and bench differ, and what is missing."),
     "frames": (
         "_frames",
-        "Gyros described by a TOML file: what there is, and whether a description is right.",
+        "List and check descriptions of gyros that send frames (TOML).",
     ),
-    "can": ("_can", "Gyros on CAN: the layouts there are, and whether a DBC file and its mapping are right."),
+    "can": ("_can", "List and check layouts of gyros on CAN (DBC and mapping)."),
 }
 """Group -> its file or package, with an `app`, and its help: for `gyrobench --help` it is not loaded."""
 ENTRY_POINTS = "gyrobench.commands"

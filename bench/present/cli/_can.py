@@ -47,7 +47,10 @@ def check(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Check a mapping against its DBC file, and decode a capture into a table and a plot."""
+    """Check a mapping against its DBC; decode a capture with it.
+
+    A capture is decoded into a table and a plot.
+    """
     from drivers.can_dbc import load_layout
 
     console, loaded = Terminal(as_json=as_json), load_layout(layout)

@@ -54,7 +54,10 @@ def check(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Check a description, run its vectors, and decode a capture into tables and a plot."""
+    """Check a description; decode a capture with it.
+
+    Its vectors are decoded, and a capture is decoded into tables and a plot.
+    """
     from bench.present.cli._settings import parse_settings
     from drivers.frames import choices_of, load_family, refusal, vector_mistakes
 

@@ -21,7 +21,10 @@ def import_(
     out: Annotated[Path, Option(help="folder that holds the runs")] = DEFAULT_RUNS,
     as_json: Json = False,
 ) -> None:
-    """Make run folders from logs of another bench, for fitting, reports and the gap diagnosis."""
+    """Make run folders from logs of another bench.
+
+    Fits, reports and the gap diagnosis read them like any other run.
+    """
     from bench.present.cli._console import Terminal
     from bench.record.exchange import import_log
 

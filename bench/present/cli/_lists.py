@@ -21,7 +21,10 @@ def procedures(
     name: Annotated[str | None, Argument(help="show this one in full; also a file, ./mine.py")] = None,
     as_json: Json = False,
 ) -> None:
-    """List the procedures with parameters, units, defaults and expected duration."""
+    """List procedures and their duration; show one's parameters.
+
+    With a NAME or a file: parameters, units, defaults, limits and expected duration.
+    """
     from bench.control.procedure import load_procedures, parameter_rows, read_procedure
     from bench.present.cli._console import Terminal
 

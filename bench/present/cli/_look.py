@@ -47,7 +47,7 @@ def look(
     report: Annotated[Path | None, Option(help="HTML file for the report")] = None,
     as_json: Json = False,
 ) -> None:
-    """Look at a log of gyros and accelerometers: what it holds, and each axis at its full rate."""
+    """Look at a log of gyros and accelerometers, axis by axis."""
     from bench.analysis.look import LookOptions, half_differences, write_files
     from bench.analysis.look import look as look_at
     from bench.present.cli._console import Terminal

@@ -59,7 +59,10 @@ def campaign(name: Name, as_json: Json = False) -> None:
 
 @app.command()
 def driver(name: Name, as_json: Json = False) -> None:
-    """Write the package NAME: driver and emulator of a gyro with binary frames, and a bench that has it."""
+    """Write the package NAME, the driver of a gyro.
+
+    The gyro sends binary frames. Its emulator and a bench that has it come along.
+    """
     module, dashed = _names(name)
     own = {"module.py": f"{module}.py", "module_emulator.py": f"{module}_emulator.py"}
     console = Terminal(as_json=as_json)
@@ -74,7 +77,10 @@ def driver(name: Name, as_json: Json = False) -> None:
 
 @app.command()
 def effect(name: Name, as_json: Json = False) -> None:
-    """Write the package NAME: an effect of the gyro, an emulated unit that has it, a model that lacks it."""
+    """Write the package NAME, an effect for the gap diagnosis.
+
+    An emulated unit that has the effect and a model that lacks it come along.
+    """
     module, dashed = _names(name)
     console = Terminal(as_json=as_json)
     files = _write(

@@ -27,7 +27,10 @@ def add(
     stdin: _Typed = False,
     as_json: options.Json = False,
 ) -> None:
-    """Let somebody sign in at the panel; asks for a password twice. The first one makes the file."""
+    """Let somebody sign in at the panel.
+
+    It asks for a password twice. The first operator makes the file.
+    """
     from bench.control.operators import OperatorsFile, checked_name, checked_role
     from bench.present.cli._console import Terminal
 
@@ -59,7 +62,10 @@ def change(
     stdin: _Typed = False,
     as_json: options.Json = False,
 ) -> None:
-    """Give an operator another role, or another password, which signs them out."""
+    """Give an operator another role or another password.
+
+    Another password signs them out.
+    """
     from bench.control.operators import OperatorsFile
     from bench.present.cli._console import Terminal
 
@@ -72,7 +78,10 @@ def change(
 
 @app.command()
 def remove(name: _Name, file: _File = DEFAULT_FILE, as_json: options.Json = False) -> None:
-    """Let somebody sign in no more: they are signed out at once. What they did stays in the records."""
+    """Let somebody sign in no more.
+
+    They are signed out at once. What they did stays in the records.
+    """
     from bench.control.operators import OperatorsFile
     from bench.present.cli._console import Terminal
 

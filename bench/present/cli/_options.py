@@ -14,6 +14,14 @@ DEFAULT_BENCH = Path("lab.toml")
 DEFAULT_RUNS = Path("runs")
 
 Bench = Annotated[Path, Option("--bench", help="bench file (TOML)", show_default=True)]
+RunArgument = Annotated[Path, Argument(help="run folder")]
+ProcedureName = Annotated[
+    str,
+    Argument(
+        help="name that `gyrobench procedures` lists, or a file, ./mine.py",
+        autocompletion=lambda: _procedures(),
+    ),
+]
 CampaignFile = Annotated[Path, Argument(help="campaign file (TOML)", metavar="FILE")]
 RunsFolder = Annotated[Path, Option("--runs", help="folder that holds the runs")]
 PlantFile = Annotated[
@@ -52,6 +60,13 @@ Jobs = Annotated[
 Cluster = Annotated[
     str | None, Option(help="Dask cluster to work on: local, or a scheduler's tcp://host:port")
 ]
+
+
+def _procedures() -> list[str]:
+    """Return the names of the installed procedures, for the shell's completion; it completes files by itself."""
+    from drivers.base.plugins import entry_points_of
+
+    return sorted(point.name for point in entry_points_of("gyrobench.procedures"))
 
 
 class _TextOnly:

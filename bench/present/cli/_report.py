@@ -35,7 +35,9 @@ def report(
     pdf: Annotated[bool, Option("--pdf", help="print a PDF too (needs Chromium or Chrome)")] = False,
     as_json: Json = False,
 ) -> None:
-    """Write the HTML report of a run, or the test certificate of several; a fit writes its own.
+    """Write the report of a run, or the certificate of several.
+
+    The commands that fit write their own reports.
 
     Exit code 4 if the certificate says "not passed".
     """

@@ -24,7 +24,7 @@ PARAMETERS_TOO = {"allow_extra_args": True, "ignore_unknown_options": True}
 @app.command(context_settings=PARAMETERS_TOO)
 def run(
     context: Context,
-    procedure: str,
+    procedure: options.ProcedureName,
     bench: options.Bench = options.DEFAULT_BENCH,
     runs: options.RunsFolder = options.DEFAULT_RUNS,
     set_: Set = None,
@@ -33,7 +33,7 @@ def run(
     signed_in_as: options.SignedIn = "",
     json: options.JsonLines = False,
 ) -> None:
-    """Run a procedure on the bench that the bench file describes.
+    """Run a procedure on the bench of a bench file.
 
     The procedure's parameters are options too: --dwell-s 60 is --set dwell_s=60.
     """
@@ -52,7 +52,7 @@ def run(
 @app.command(context_settings=PARAMETERS_TOO)
 def rehearse(
     context: Context,
-    procedure: str,
+    procedure: options.ProcedureName,
     bench: options.Bench = options.DEFAULT_BENCH,
     runs: options.RunsFolder = options.DEFAULT_RUNS,
     set_: Set = None,
@@ -60,7 +60,10 @@ def rehearse(
     seed: options.Seed = None,
     json: options.JsonLines = False,
 ) -> None:
-    """Run a procedure on an emulated lab that matches the bench file: time plan, log size and plots.
+    """Run a procedure on an emulated lab, in virtual time.
+
+    The lab matches the bench file. What was measured, the time plan and the size of the record are printed, and a
+    report with plots is written.
 
     The procedure's parameters are options too: --dwell-s 60 is --set dwell_s=60.
     """
@@ -109,7 +112,10 @@ def lab(
     write: Annotated[Path | None, Option(help="write a bench file that reaches this lab's ports")] = None,
     as_json: options.Json = False,
 ) -> None:
-    """Serve an emulated lab that matches the bench file, for any software, until Ctrl-C."""
+    """Serve an emulated lab to other software, until Ctrl-C.
+
+    It matches the bench file.
+    """
     import signal
 
     from bench.lab.emulated import EmulatedLab, load_plant

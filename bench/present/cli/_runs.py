@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option, Typer, echo, style
 
-from bench.present.cli._options import DEFAULT_RUNS, Json, RunsFolder, TextCommand, TextGroup
+from bench.present.cli._options import DEFAULT_RUNS, Json, RunArgument, RunsFolder, TextCommand, TextGroup
 from bench.present.cli._texts import duration, printable, size
 from drivers.base.errors import BenchError, ConfigurationError
 
@@ -50,7 +50,7 @@ def list_(
     catalogue: CatalogueUrl = None,
     json: Annotated[bool, Option("--json", help="print JSON")] = False,
 ) -> None:
-    """List the runs in a folder, or those of every bench with a shared catalogue."""
+    """List the runs in a folder, or in a shared catalogue."""
     from json import dumps
 
     from bench.record.catalogue import find_runs
@@ -83,7 +83,7 @@ def index(
     rebuild: Annotated[bool, Option("--rebuild", help="read every run folder again")] = False,
     as_json: Json = False,
 ) -> None:
-    """Bring the catalogue of runs up to date with the folders, which are the truth."""
+    """Bring the catalogue up to date with the run folders."""
     from json import dumps
 
     from bench.record.catalogue import index_runs
@@ -98,7 +98,7 @@ def index(
 
 @app.command()
 def export(
-    run: Path,
+    run: RunArgument,
     format_: Annotated[str, Option("--format", help="csv, parquet, mdf4 or blf (recorded CAN frames)")],
     out: Annotated[Path | None, Option(help="file or folder; default named after the run")] = None,
     as_json: Json = False,
@@ -117,8 +117,8 @@ def export(
 
 
 @app.command()
-def show(run: Path, as_json: Json = False) -> None:
-    """Show what a run was, on what, and how it ended."""
+def show(run: RunArgument, as_json: Json = False) -> None:
+    """Show a run: parameters, devices, figures and outcome."""
     from bench.present.cli._console import Terminal
     from bench.present.cli._measured import number, say_measurements
     from bench.record.recording import Run
@@ -161,13 +161,16 @@ def show(run: Path, as_json: Json = False) -> None:
 
 @app.command()
 def note(
-    run: Path,
+    run: RunArgument,
     text: Annotated[str, Argument(help="what is to be noted")] = "",
     by: Annotated[str, Option(help="who notes it")] = "",
     picture: Annotated[Path | None, Option(help="a PNG or JPEG of at most 8 MiB")] = None,
     as_json: Json = False,
 ) -> None:
-    """Attach a note or a picture to a run, beside its record: the seal stays whole."""
+    """Attach a note or a picture to a run.
+
+    It is kept beside the record, whose seal stays whole.
+    """
     from bench.present.cli._console import Terminal
     from bench.record.run_folder import is_run, url_of
     from bench.record.run_notes import MOST_PICTURE_BYTES, add_note
@@ -196,9 +199,10 @@ def recover(
     runs: RunsFolder = DEFAULT_RUNS,
     as_json: Json = False,
 ) -> None:
-    """Complete runs that a crash left open: decode, checksum, mark as aborted.
+    """Complete runs that a crash left open.
 
-    Exit code 1 if one could not be.
+    The raw bytes are decoded, checksums are made, and the run is marked as aborted. Exit code 1 if one cannot be
+    completed.
     """
     from bench.control.recover import open_runs
     from bench.control.recover import recover as complete
@@ -224,10 +228,11 @@ def recover(
 
 
 @app.command()
-def verify(run: list[Path], as_json: Json = False) -> None:
-    """Recompute the checksums of runs, compare manifest and events, rebuild decoded tables from the raw bytes.
+def verify(run: Annotated[list[Path], Argument(help="run folders")], as_json: Json = False) -> None:
+    """Check runs against their checksums and raw bytes.
 
-    Exit code 1 if anything differs. Manifests of before November 2026 have no seal: "not sealed".
+    The checksums are computed again, manifest and events are compared, and the decoded tables are made again from
+    the raw bytes. Exit code 1 if anything differs. Manifests from before November 2026 are "not sealed".
     """
     from bench.control.run_record import decode_run
     from bench.present.cli._console import Terminal

@@ -50,7 +50,9 @@ def evaluate(
     out: Annotated[Path | None, Option(help="write an HTML report here")] = None,
     bench: SchemeBench = None,
 ) -> None:
-    """Observability degree and predicted accuracy of every parameter under a scheme, before the test.
+    """Predict the accuracy of a scheme before the test.
+
+    It gives the degree of observability and the accuracy of every parameter.
 
     With a bench file its latitude and table count, and the home that this table really starts from.
     """
@@ -96,7 +98,9 @@ def search(
     cluster: Cluster = None,
     as_json: Json = False,
 ) -> None:
-    """Find a better rotation scheme for a table, a time and the accuracy targets.
+    """Find a better rotation scheme for a table.
+
+    It keeps to the time and the accuracy targets.
 
     With a bench file what is promised is what this table reaches: each scheme counts from the home that the table
     really starts it from.

@@ -45,7 +45,10 @@ def panel(
         Option("--tls-elsewhere", help="a proxy before the panel does TLS: passwords may come as they are"),
     ] = False,
 ) -> None:
-    """Show in a browser what the bench is doing, plan and start runs; a run is a process of its own."""
+    """Show the bench in a browser; plan and start runs there.
+
+    A run is a process of its own: it goes on when the panel ends.
+    """
     from bench.present.cli._console import Terminal
 
     try:
@@ -85,7 +88,7 @@ def steer(
     by: Annotated[str, Option(help="your name; default the user's")] = "",
     as_json: Json = False,
 ) -> None:
-    """Answer, pause, resume or abort a session that another process runs.
+    """Answer, pause, resume or abort a run of another process.
 
     Exit code 1 if somebody else had answered first.
     """

@@ -36,7 +36,7 @@ def test_a_group_of_another_package_is_listed_and_runs(cli):
 
 
 def test_ours_cannot_be_replaced(cli):
-    assert "Look at recorded runs." in cli("runs", "--help").output
+    assert "recorded runs" in cli("runs", "--help").output
 
 
 def test_a_name_that_there_is_not_is_told_from_what_is_near(cli):
@@ -53,3 +53,23 @@ def test_version_and_completion_are_told(cli):
         env={"_GYROBENCH_COMPLETE": "complete_bash", "COMP_WORDS": "gyrobench ru", "COMP_CWORD": "1"},
     )
     assert completed.output.split() == ["run", "runs"]
+    completed = CliRunner().invoke(
+        _app.app,
+        [],
+        prog_name="gyrobench",
+        env={
+            "_GYROBENCH_COMPLETE": "complete_bash",
+            "COMP_WORDS": "gyrobench rehearse k",
+            "COMP_CWORD": "2",
+        },
+    )
+    assert completed.output.split() == ["known-state"]
+
+
+GROUPS = ("", *_app.GROUPS)
+
+
+@pytest.mark.parametrize("group", GROUPS)
+def test_what_a_command_does_is_said_whole_in_a_list_of_80_columns(cli, group):
+    listed = cli(*group.split(), "--help").output.partition("Commands:")[2]
+    assert listed and "..." not in listed

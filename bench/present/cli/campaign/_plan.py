@@ -37,7 +37,10 @@ def plan(
     ] = False,
     as_json: JsonLines = False,
 ) -> None:
-    """Print the schedule, chamber hours and bytes on disk; refuse what a limit forbids. Nothing moves."""
+    """Print the schedule and check it; nothing moves.
+
+    It says the hours of the chamber and the bytes on disk, and refuses what a limit forbids.
+    """
     from bench.campaign import bench_of, load_campaign, plan_campaign
     from bench.control.disk import check_disk
     from bench.lab.emulated import load_plant

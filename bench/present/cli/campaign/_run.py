@@ -45,7 +45,10 @@ def run(
     signed_in_as: options.SignedIn = "",
     as_json: options.JsonLines = False,
 ) -> None:
-    """Run a campaign on the bench, one run after the other; `resume` goes on after a stop."""
+    """Run a campaign on the bench, one run after the other.
+
+    `gyrobench campaign resume` goes on after a stop.
+    """
     from bench.campaign import begin_campaign
     from bench.lab.emulated import load_plant
     from bench.record.benchfile import load_bench_file
@@ -67,7 +70,10 @@ def resume(
     signed_in_as: options.SignedIn = "",
     as_json: options.JsonLines = False,
 ) -> None:
-    """Go on at the first run that is not complete, after a check that the bench is in a known state."""
+    """Go on at the first run that is not complete.
+
+    A check comes first that the bench is in a known state.
+    """
     from bench.campaign import resume_campaign
 
     sys.exit(_work(resume_campaign(path), Terminal(as_json=as_json), (by, signed_in_as), yes=yes))
@@ -226,7 +232,7 @@ def rehearse(
     cluster: options.Cluster = None,
     as_json: options.JsonLines = False,
 ) -> None:
-    """Run a whole campaign on emulated labs, fit the compensation and write the report."""
+    """Run a campaign on emulated labs, fit, and write the report."""
     from bench.analysis.common.fan_out import fan_out
     from bench.campaign import campaign_to_rehearse, rehearse_campaign
     from bench.lab.emulated import load_plant

@@ -28,7 +28,10 @@ def whirl(
     gauge: Annotated[str, Option(help="how the unobservable constant tilt is fixed")] = "mean",
     as_json: Json = False,
 ) -> None:
-    """Whirl of a rotating mechanism from gyro and angle, and its compensation of the attitude."""
+    """Fit the whirl of a rotating INS from gyro and angle.
+
+    The compensation corrects the attitude.
+    """
     from bench.analysis.common.state_file import saved_together
     from bench.analysis.whirl import study_whirl_runs
     from bench.present.report import whirl_page, write_report
@@ -111,7 +114,9 @@ def heading_effect(
     window_h: Annotated[float, Option(help="moving window of the paper's form")] = 35.901708,
     as_json: Json = False,
 ) -> None:
-    """Heading effect of a space-stable platform from position errors and platform temperature.
+    """Fit the heading effect of a space-stable platform.
+
+    It is fitted to position errors and platform temperature.
 
     Exit code 4 if temperature is not what drives the drift: then there is a report and no compensation.
     """

@@ -29,7 +29,10 @@ def cold_shock(
     cluster: Cluster = None,
     as_json: Json = False,
 ) -> None:
-    """Fit bias and scale-factor models to cold shocks, choose on the validation runs, judge on the test runs."""
+    """Fit bias and scale-factor models to cold shocks.
+
+    One is chosen on the validation runs and judged on the test runs.
+    """
     from bench.analysis.common.fan_out import fan_out
     from bench.analysis.thermal import study_folders
     from bench.present.report import outside_sentence, write_study
@@ -100,7 +103,9 @@ def stepwise(
     p_remove: Annotated[float, Option(help="p above which a variable leaves")] = 0.10,
     as_json: Json = False,
 ) -> None:
-    """Stepwise regression of a ring-laser gyro's bias over temperature, judged on the test runs.
+    """Fit a ring-laser gyro's bias by stepwise regression.
+
+    The bias is fitted over temperature and judged on the test runs.
 
     A folder for each unit: compensation (of the corrected selection, whatever the test runs say) and report.
     """
@@ -177,7 +182,10 @@ def chamber_cycle(
     out: Annotated[Path, Option(help="HTML report")] = Path("chamber-cycle.html"),
     as_json: Json = False,
 ) -> None:
-    """Regression over temperature on a recorded chamber cycle, judged axis by axis on its last leg."""
+    """Fit a recorded chamber cycle over temperature.
+
+    Each axis is judged on the last leg of the cycle, which is not fitted.
+    """
     from bench.analysis.rlg import load_chamber_cycle, study_chamber_cycle
     from bench.present.report import chamber_cycle_page, write_report
     from bench.record.recording import checksum

@@ -35,7 +35,9 @@ def standard_test(
     out: Annotated[Path, Option(help="HTML report")] = Path("standard-test.html"),
     as_json: Json = False,
 ) -> None:
-    """Figures of the standards (bias, noise, scale factor, threshold, temperature) from standard-test runs.
+    """Work out the figures of the standards from standard tests.
+
+    They are bias, noise, scale factor, threshold, temperature sensitivity and others.
 
     Several runs are several power-ons: bias and scale-factor repeatability are then computed over them.
     """
@@ -111,7 +113,7 @@ def calibration(
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """System-level calibration of an IMU from the record of a rotation scheme."""
+    """Calibrate an IMU from the record of a rotation scheme."""
     from bench.analysis.calibration import DPH_RAD_S, BiasWander, Noise, calibrate, load_record
     from bench.analysis.common.state_file import save_file, saved_together
     from bench.present.report import CalibrationContent, calibration_page, write_report

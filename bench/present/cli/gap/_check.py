@@ -15,7 +15,10 @@ def check(
     as_json: Json = False,
     effects: OwnEffects = None,
 ) -> None:
-    """Say what these runs can show of every effect: the smallest size, and which effects look the same."""
+    """Say which effects these runs can show, and how small.
+
+    It also says which effects look the same in them.
+    """
     from bench.analysis import gap
 
     for file in effects or ():

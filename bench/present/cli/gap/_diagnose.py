@@ -50,7 +50,10 @@ def diagnose(
     ] = False,
     effects: OwnEffects = None,
 ) -> None:
-    """Say where the gap is, which effect explains it, and how far it closes on held-out runs."""
+    """Say where the gap is and which effect explains it.
+
+    It also says how far the gap closes on held-out runs.
+    """
     from bench.analysis import gap
     from bench.lab.emulated import load_plant
     from bench.present.cli.gap._text import print_position, print_rate
@@ -141,9 +144,10 @@ def close(
     as_json: Json = False,
     effects: OwnEffects = None,
 ) -> None:
-    """Write the nominal model with the missing effects in it, and what was learned for those without a name.
+    """Write the nominal model with the missing effects in it.
 
-    Of a nominal that is a simulation of the user's own also a CSV file a run with what it lacks, over time.
+    What is left without a name is written as learned terms. If the nominal model is a simulation of your own, a
+    CSV file for each run has what it lacks, over time.
     """
     from bench.analysis import gap
     from bench.analysis.common.state_file import save_file

@@ -38,7 +38,10 @@ def exam(
     note: Annotated[str, Option(help="with --from: words for its first line, e.g. the commit")] = "",
     as_json: Json = False,
 ) -> None:
-    """Examine the diagnosis on plants whose physics is not the catalogue's, answers sealed beforehand."""
+    """Examine the diagnosis on plants of other physics.
+
+    The plants do not use the catalogue, and their answers are sealed beforehand.
+    """
     from bench.analysis.common.fan_out import fan_out
     from bench.analysis.gap import Exam, hold_exam, read_exam
 

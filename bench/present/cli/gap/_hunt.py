@@ -40,7 +40,10 @@ def hunt(
     yes: options.Yes = False,
     as_json: options.JsonLines = False,
 ) -> None:
-    """Find the missing effect: choose the run that tells most an hour, make it, diagnose, and so on."""
+    """Find the missing effect by runs that the search chooses.
+
+    It chooses the run that tells most per hour, makes it, diagnoses, and goes on until it knows enough.
+    """
     from bench.campaign import CampaignRunner, resume_campaign
     from bench.campaign.hunt import HUNT_FILE, Hunt, HuntSettings, begin_hunt
     from bench.lab.emulated import load_plant

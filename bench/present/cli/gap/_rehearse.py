@@ -31,7 +31,10 @@ def rehearse(
     as_json: Json = False,
     report: Annotated[Path | None, Option(help="HTML report to write, with the curves")] = None,
 ) -> None:
-    """Show the shrinkage in a log: the run's procedure on the emulated bench with both models."""
+    """Show by how much the gap of a run shrinks.
+
+    The run's procedure is rehearsed on the emulated bench with both models.
+    """
     from bench.analysis.gap import log_gap_facts, log_gaps, read_recordings
     from bench.lab.emulated import load_plant
     from bench.present.report import log_gaps_page, write_report
