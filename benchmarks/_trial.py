@@ -1,6 +1,8 @@
 """Tests in a copy of the tree, where a source may be changed: what mutants and guards have in common.
 
 The tests run in a process forked from one that has the libraries loaded, so that none of them is imported anew.
+What a trial tells while it runs lies in memory that both share: which test is running, and the processor time
+that the tests so far may have taken.
 """
 
 from __future__ import annotations
@@ -9,6 +11,7 @@ import compileall
 import ctypes
 import gc
 import importlib
+import mmap
 import os
 import py_compile
 import re
@@ -16,14 +19,16 @@ import resource
 import select
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import time
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parents[1]
 _PACKAGES = ("bench", "drivers", "procedures", "simulators")
@@ -76,10 +81,52 @@ class Outcome:
     processor_s: float
 
 
+class Progress:
+    """How far a trial is: the processor time that its tests so far may take, the number of the running one."""
+
+    _FORM = struct.Struct("dq")
+
+    def __init__(self) -> None:
+        self._memory = mmap.mmap(-1, self._FORM.size)
+        self.tell(0.0, -1)
+
+    def tell(self, allowed_s: float, running: int) -> None:
+        """Write it down, where the process that started the trial reads it."""
+        self._FORM.pack_into(self._memory, 0, allowed_s, running)
+
+    @property
+    def allowed_s(self) -> float:
+        """What the tests so far may take."""
+        return float(self._FORM.unpack_from(self._memory)[0])
+
+    @property
+    def running(self) -> int:
+        """The place in the order of the test that runs, or ran last; -1 if none did."""
+        return int(self._FORM.unpack_from(self._memory)[1])
+
+
+class Steps:
+    """Pytest plug-in that runs tests in a given order and tells of each what it and those before may take."""
+
+    def __init__(self, progress: Progress, limits_s: Mapping[str, float], least_s: float) -> None:
+        self._progress, self._limits_s, self._allowed_s = progress, limits_s, least_s
+        self._rank = {test: rank for rank, test in enumerate(limits_s)}
+        progress.tell(least_s, -1)
+
+    def pytest_collection_modifyitems(self, items: list[Any]) -> None:
+        items.sort(key=lambda item: self._rank.get(item.nodeid, -1))
+
+    def pytest_runtest_logstart(self, nodeid: str) -> None:
+        self._allowed_s += self._limits_s.get(nodeid, 0.0)
+        self._progress.tell(self._allowed_s, self._rank.get(nodeid, -1))
+
+
 class Copy:
     """A copy of the tree, those files among it that are not committed yet."""
 
     def __init__(self, folder: Path) -> None:
+        self.lasting: set[int] = set()
+        """Processes that go on from trial to trial."""
         self.root, self._log, self._scratch = folder / "copy", folder / "log", folder / "tmp"
         _adopt_orphans()
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # what was started is ended, too
@@ -112,7 +159,7 @@ class Copy:
     def run(
         self,
         words: Sequence[str],
-        limit_s: float,
+        limit_s: float | Callable[[], float],
         plugins: Sequence[object] = (),
         *,
         keep_compiled: bool = False,
@@ -121,31 +168,51 @@ class Copy:
 
         Args:
             words: pytest's
-            limit_s: processor time that the tests and what they start may take
+            limit_s: processor time that the tests and what they start may take, or what returns it as they go on
             plugins: pytest's; they live in the forked process and hand on through files
             keep_compiled: whether what is imported is compiled for the next time; only where nothing is changed
         """
-        shutil.rmtree(self._scratch, ignore_errors=True)
-        sys.stdout.flush()
-        pid = os.fork()
-        if not pid:
-            self._run_and_exit(words, plugins, keep_compiled)
+        self.clear()
+        pid = self.fork(words, plugins, keep_compiled=keep_compiled)
         ended = os.pidfd_open(pid)
         try:
-            in_time = _wait(ended, limit_s)
+            in_time = wait(ended, limit_s if callable(limit_s) else lambda: limit_s)
         finally:
             os.close(ended)
             with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
             _, status, usage = os.wait4(pid, 0)
-            _end_orphans()
-        processor_s = usage.ru_utime + usage.ru_stime
+            self.end_orphans()
+        return self.outcome(status, usage.ru_utime + usage.ru_stime, in_time=in_time)
+
+    def clear(self) -> None:
+        """Remove what the last trial left and printed."""
+        shutil.rmtree(self._scratch, ignore_errors=True)
+        self._log.write_bytes(b"")
+
+    def fork(self, words: Sequence[str], plugins: Sequence[object], *, keep_compiled: bool = False) -> int:
+        """Start pytest in a process of its own; return the process' number."""
+        sys.stdout.flush()
+        pid = os.fork()
+        if not pid:
+            self._run_and_exit(words, plugins, keep_compiled)
+        return pid
+
+    def outcome(self, status: int, processor_s: float, *, in_time: bool) -> Outcome:
+        """Return how tests ended, by their process' exit status and by what they printed."""
         if not in_time:
             return Outcome(TIME, "", processor_s)
         if status == 0:
             return Outcome(PASSED, "", processor_s)
         failed = re.search(r"^(?:FAILED|ERROR) (\S+::\w+)", self.said(), re.MULTILINE)
         return Outcome(FAILED, failed[1] if failed else NO_TEST, processor_s)
+
+    def end_orphans(self) -> None:
+        """End the processes that are children of this one now that their parents have ended."""
+        while children := set(_children(os.getpid())) - self.lasting:
+            for child in children:
+                os.kill(child, signal.SIGKILL)
+                os.waitpid(child, 0)
 
     def said(self) -> str:
         """Return what the tests printed."""
@@ -157,7 +224,7 @@ class Copy:
             os.setsid()
             resource.setrlimit(resource.RLIMIT_DATA, (_MOST_BYTES, _MOST_BYTES))
             nothing = os.open(os.devnull, os.O_RDONLY)
-            log = os.open(self._log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+            log = os.open(self._log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
             for end, descriptor in ((0, nothing), (1, log), (2, log)):
                 os.dup2(descriptor, end)
             os.chdir(self.root)
@@ -198,15 +265,19 @@ class Copy:
             os._exit(code)
 
 
-def _wait(ended: int, limit_s: float) -> bool:
+def wait(ended: int, limit_s: Callable[[], float]) -> bool:
     """Wait for the tests; return whether they ended within their processor time and did not hang."""
     began_s = moved_s = time.monotonic()
-    moved_used_s = 0.0
+    before_s = _used(os.getpid())[0]
+    moved_used_s = starved_s = 0.0
     while not select.select([ended], [], [], _POLL_S)[0]:
-        now_s, used_s = time.monotonic(), _processor_s(os.getpid())
-        if used_s - moved_used_s > _IDLE_SHARE * _IDLE_S:
-            moved_s, moved_used_s = now_s, used_s
-        if used_s > limit_s or now_s - moved_s > _IDLE_S or now_s - began_s > _WALL * limit_s:
+        now_s, (used_s, ready) = time.monotonic(), _used(os.getpid())
+        used_s -= before_s
+        starved_s += _POLL_S if ready else 0.0  # who waits for a processor does not hang
+        if used_s + starved_s - moved_used_s > _IDLE_SHARE * _IDLE_S:
+            moved_s, moved_used_s = now_s, used_s + starved_s
+        most_s = limit_s()
+        if used_s > most_s or now_s - moved_s > _IDLE_S or now_s - began_s > _WALL * most_s:
             return False
     return True
 
@@ -216,27 +287,24 @@ def _children(pid: int) -> list[int]:
     return [int(word) for table in tables for word in table.read_text(encoding="ascii").split()]
 
 
-def _processor_s(pid: int) -> float:
-    """Return the processor time of all processes below one, ended ones included (proc(5))."""
-    ticks, found = 0, [pid]
+def _used(pid: int) -> tuple[float, bool]:
+    """Return the processor time of all processes below one, ended ones included, and whether one could run.
+
+    See proc(5).
+    """
+    ticks, found, ready = 0, [pid], False
     while found:
         with suppress(OSError):
             for child in _children(found.pop()):
                 found.append(child)
                 text = Path(f"/proc/{child}/stat").read_text(encoding="utf-8", errors="replace")
-                ticks += sum(int(word) for word in text.rpartition(")")[2].split()[11:15])
-    return ticks / os.sysconf("SC_CLK_TCK")
+                words = text.rpartition(")")[2].split()
+                ticks += sum(int(word) for word in words[11:15])
+                ready |= words[0] == "R"
+    return ticks / os.sysconf("SC_CLK_TCK"), ready
 
 
 def _adopt_orphans() -> None:
     """Become the parent of what tests start and leave: a watchdog that is a mutant may never end."""
     if ctypes.CDLL(None, use_errno=True).prctl(_SET_CHILD_SUBREAPER, 1, 0, 0, 0):
         raise OSError(ctypes.get_errno(), "prctl")
-
-
-def _end_orphans() -> None:
-    """End the processes that are children of this one now that their parents have ended."""
-    while children := _children(os.getpid()):
-        for child in children:
-            os.kill(child, signal.SIGKILL)
-            os.waitpid(child, 0)

@@ -1,0 +1,147 @@
+"""Which sources the mutants of a room are drawn from, and which tests speak of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Part:
+    """Sources by glob, and the quick tests that speak of them, the likeliest first: ten seconds or so."""
+
+    sources: tuple[str, ...]
+    tests: tuple[str, ...]
+
+
+def _part(sources: str, tests: str, *more: str) -> Part:
+    """Return a part: "bench/analysis/gap/_fit _cells" are two sources; tests are named alike."""
+    return Part(
+        tuple(f"{name}.py" for name in _in_folder(sources)),
+        tuple(f"{name}.py" for words in (tests, *more) for name in _in_folder(words)),
+    )
+
+
+def _in_folder(words: str) -> list[str]:
+    folder, _, names = words.rpartition("/")
+    return [f"{folder}/{name}" for name in names.split()]
+
+
+ROOMS: dict[str, tuple[Part, ...]] = {
+    "safe": (
+        _part(
+            "bench/control/safe_state",
+            "tests/safety/test_way_to_rest test_port_that_stays_away",
+            "tests/control/test_session test_table_axes",
+        ),
+        _part(
+            "bench/control/limits table_station",
+            "tests/control/test_limits test_table_axes test_stations test_session",
+        ),
+        _part(
+            "bench/control/watchdog/*",
+            "tests/safety/test_takeover test_starved_runner test_replaced_terminal",
+            "tests/reliability/test_watchdog",
+        ),
+    ),
+    "recording": (
+        _part(
+            "bench/record/recording/_timing",
+            "tests/record/recording/test_timing test_reading test_decode test_recording_kvh",
+        ),
+        _part("bench/record/recording/_remote", "tests/record/recording/test_object_storage"),
+        _part(
+            "bench/record/recording/*",
+            "tests/record/recording/test_journal test_events test_reading test_runs test_arrow test_decode",
+            "tests/record/recording/test_recording_kvh",
+            "tests/record/recording/test_recover test_journal_threads",
+            "tests/reliability/test_power_cut",
+            "tests/record/recording/test_object_storage",
+        ),
+    ),
+    "decoders": (
+        _part("drivers/kvh/*", "tests/drivers/test_kvh_codec test_kvh_driver"),
+        _part("drivers/kit/slcan_codec", "tests/drivers/test_slcan_codec test_slcan_bus"),
+        _part(
+            "drivers/can_dbc/*",
+            "tests/drivers/test_can_dbc_mapping test_can_dbc_decoder test_can_dbc_signals",
+        ),
+        _part(
+            "drivers/frames/_line*",
+            "tests/drivers/frames/test_frames_rules test_printed_lines test_frames_lines",
+            "tests/drivers/frames/test_frames_shipped test_line_reader test_fuzz",
+        ),
+        _part(
+            "drivers/kit/_candidates patterns splitting framing",
+            "tests/drivers/frames/test_frames_split test_frames_rules test_frames_resync",
+            "tests/drivers/test_framing test_kvh_codec test_slcan_codec",
+        ),
+        _part(
+            "drivers/frames/_verify _vectors",
+            "tests/drivers/frames/test_frames_rules test_frames_document test_frames_settings",
+            "tests/drivers/frames/test_frames_lines test_frames_shipped test_frames_command",
+        ),
+        _part(
+            "drivers/frames/*",
+            "tests/drivers/frames/test_frames_rules test_frames_document test_printed_lines test_frames_resync",
+            "tests/drivers/frames/test_frames_shipped",
+            "tests/drivers/frames/test_frames_settings test_frames_lines test_fuzz",
+        ),
+    ),
+    "fits": (
+        _part("bench/analysis/common/allan*", "tests/analysis/common/test_allan"),
+        _part("bench/analysis/thermal/_dataset", "tests/analysis/thermal/test_dataset test_scale_factor"),
+        _part("bench/analysis/thermal/_grey_box _diffusion", "tests/analysis/thermal/test_grey_box"),
+        _part("bench/analysis/thermal/_hybrid", "tests/analysis/thermal/test_compensation test_hybrid"),
+        _part("bench/analysis/thermal/_lstm*", "tests/analysis/thermal/test_lstm"),
+        _part("bench/analysis/thermal/_scale_factor", "tests/analysis/thermal/test_scale_factor"),
+        _part("bench/analysis/common/stepwise", "tests/analysis/common/test_stepwise"),
+        _part(
+            "bench/analysis/thermal/*",
+            "tests/analysis/thermal/test_evaluate test_features test_linear_models test_compensation",
+            "tests/analysis/thermal/test_scale_factor test_grey_box",
+        ),
+        _part("bench/analysis/rlg/_cycle", "tests/analysis/rlg/test_rlg_cycle"),
+        _part(
+            "bench/analysis/rlg/*",
+            "tests/analysis/rlg/test_rlg_ramp test_rlg_report test_rlg_study test_rlg_profile",
+        ),
+        _part("bench/analysis/figures/*", "tests/analysis/figures/test_standards test_standard_run"),
+    ),
+    "gap": (
+        _part(
+            "bench/analysis/gap/_channel*",
+            "tests/analysis/gap/test_gap_edges test_gap_by_hand test_gap_channels",
+            "tests/analysis/gap/test_gap_modelled_channels test_gap_recording",
+            "tests/analysis/gap/test_gap_one_diagnosis test_gap_platform test_gap_systems",
+        ),
+        _part("bench/analysis/gap/_position", "tests/analysis/gap/test_gap_platform test_gap_one_diagnosis"),
+        _part(
+            "bench/analysis/gap/_import _run_folder _data _model_file",
+            "tests/analysis/gap/test_gap_edges test_gap_by_hand test_gap_cells test_gap_import",
+            "tests/analysis/gap/test_gap_systems test_gap_diagnosis test_gap_commands",
+        ),
+        _part(
+            "bench/analysis/gap/_rehearsal _response _suggest _series",
+            "tests/analysis/gap/test_gap_edges test_gap_by_hand test_gap_rehearsal test_gap_platform",
+        ),
+        _part(
+            "bench/analysis/gap/_disturbed _align",
+            "tests/analysis/gap/test_gap_record_effects test_gap_diagnosis",
+        ),
+        _part(
+            "bench/analysis/gap/_exam _examination _score _exam_folder _case_folder _signature",
+            "tests/analysis/gap/test_gap_edges test_gap_by_hand test_gap_fit test_gap_exam",
+        ),
+        _part(
+            "bench/analysis/gap/*",
+            "tests/analysis/gap/test_gap_edges test_gap_by_hand test_gap_fit test_gap_cells",
+            "tests/analysis/gap/test_gap_close test_gap_doubt test_gap_learn",
+            "tests/analysis/gap/test_gap_lines test_gap_refine test_gap_noise test_gap_grams",
+            "tests/analysis/gap/test_gap_second_look",
+            "tests/analysis/gap/test_gap_diagnosis test_gap_one_diagnosis test_gap_recording test_gap_systems",
+            "tests/analysis/gap/test_gap_record_effects test_gap_channels test_gap_effects test_gap_rehearsal",
+            "tests/analysis/gap/test_gap_modelled_unit",
+        ),
+    ),
+}
+"""A file belongs to the first part of its room that names it."""
