@@ -8,14 +8,14 @@ with one. Annotations and decorators are left out: nothing evaluates the ones, a
 smaller one.
 
 Each mutant is put into a copy of the tree, where the tests run that ran the mutated statement when nothing was
-changed, quickest first, then the others of their files; of what survives, tests that ran nothing of the part (they
-run it in another process). They run in a process that has collected them already, with the new code given to the
+changed, quickest first, then the others of their files; of what survives, tests that ran nothing of the part:
+they run it in another process. The tests run in a process that has collected them, with the new code given to the
 function (benchmarks/_warm.py); where the statement is executed at import, all is imported anew and all tests run.
 A mutant is caught if a test fails, or if the tests take several times the processor time that they take without
 it. A test on the host's clock must fail twice. Results are kept by room in build/mutants: what is broken off goes
-on; a caught mutant stays caught while its file is the same; a survivor is asked the tests that have changed. Those
-that no input can show stand in equivalent_mutants.toml, with the reason, and do not count. `--write` puts the
-table into benchmarks/reliability.md; `--kept` tries nothing and tells what is known.
+on; a caught mutant stays caught while its file is the same; a survivor is asked the tests that have changed.
+Those that no input can show stand in equivalent_mutants.toml, with the reason, and do not count. `--write` puts
+the table into benchmarks/reliability.md; `--kept` tries nothing and tells what is known.
 """
 
 from __future__ import annotations
