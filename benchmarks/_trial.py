@@ -24,6 +24,7 @@ import subprocess
 import sys
 import time
 import traceback
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -119,6 +120,14 @@ class Steps:
     def pytest_runtest_logstart(self, nodeid: str) -> None:
         self._allowed_s += self._limits_s.get(nodeid, 0.0)
         self._progress.tell(self._allowed_s, self._rank.get(nodeid, -1))
+
+
+class Early(ABC):
+    """A plug-in that begins before anything of ours is imported: pytest's own begin when its plug-ins are."""
+
+    @abstractmethod
+    def begin(self) -> None:
+        """Begin."""
 
 
 class Copy:
@@ -241,6 +250,9 @@ class Copy:
                 "PYTHONDONTWRITEBYTECODE": "" if keep_compiled else "1",
             }
             sys.dont_write_bytecode = not keep_compiled
+            for plugin in plugins:
+                if isinstance(plugin, Early):
+                    plugin.begin()
             import pytest
             from hypothesis import HealthCheck, Phase, settings
 

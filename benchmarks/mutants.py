@@ -35,7 +35,7 @@ from typing import Any
 from benchmarks._mutant_rooms import ROOMS, Part
 from benchmarks._mutations import KEPT, Mutant, change, digest, drawn, mutated, statement
 from benchmarks._sections import write_section
-from benchmarks._trial import FAILED, PASSED, ROOT, TIME, Copy, Outcome, Progress, Steps
+from benchmarks._trial import FAILED, PASSED, ROOT, TIME, Copy, Early, Outcome, Progress, Steps
 from benchmarks._warm import Cold, Warm
 
 _EQUIVALENT = Path(__file__).with_name("equivalent_mutants.toml")
@@ -98,7 +98,7 @@ def _file_of(test: str) -> str:
     return test.partition("::")[0]
 
 
-class _Watch:
+class _Watch(Early):
     """Pytest plug-in that writes down, by file, what each test takes and which lines it runs."""
 
     def __init__(self, sources: Sequence[Path], notes: Path) -> None:
@@ -106,7 +106,7 @@ class _Watch:
         self._seconds: dict[str, float] = {}
         self._failed: set[str] = set()
 
-    def pytest_configure(self) -> None:
+    def begin(self) -> None:
         from coverage import Coverage
 
         self._coverage = Coverage(
