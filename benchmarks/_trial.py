@@ -39,7 +39,7 @@ _WALL = 20.0
 """Wall clock that tests may take for each second of their processor time: others compute beside them."""
 _POLL_S = 0.5
 _MOST_BYTES = 8 << 30
-_SET_CHILD_SUBREAPER = 36
+_SET_CHILD_SUBREAPER, _SET_PARENT_DEATH_SIGNAL = 36, 1
 """Of prctl(2)."""
 PASSED, FAILED, TIME = "passed", "failed", "out of time"
 NO_TEST = "(no test)"
@@ -318,5 +318,14 @@ def _used(pid: int) -> tuple[float, bool]:
 
 def _adopt_orphans() -> None:
     """Become the parent of what tests start and leave: a watchdog that is a mutant may never end."""
-    if ctypes.CDLL(None, use_errno=True).prctl(_SET_CHILD_SUBREAPER, 1, 0, 0, 0):
+    _prctl(_SET_CHILD_SUBREAPER, 1)
+
+
+def end_with_parent() -> None:
+    """Be ended when the process that started this one ends."""
+    _prctl(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
+
+
+def _prctl(option: int, value: int) -> None:
+    if ctypes.CDLL(None, use_errno=True).prctl(option, value, 0, 0, 0):
         raise OSError(ctypes.get_errno(), "prctl")

@@ -20,7 +20,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks._trial import Copy, Outcome, Progress, Steps, wait
+from benchmarks._trial import Copy, Outcome, Progress, Steps, end_with_parent, wait
 
 _COLD, _NO_SUCH_TEST = 71, 72
 """Exit statuses of a trial that has not run."""
@@ -72,10 +72,10 @@ class Warm:
 
     def close(self) -> None:
         """End the process."""
-        os.close(self._requests)
+        os.kill(self._pid, signal.SIGKILL)
         os.waitpid(self._pid, 0)
-        os.close(self._replies)
-        os.close(self._ends)
+        for descriptor in (self._requests, self._replies, self._ends):
+            os.close(descriptor)
         self._copy.lasting.discard(self._pid)
 
 
@@ -88,6 +88,7 @@ class _Server:
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtestloop(self, session: Any) -> None:
+        end_with_parent()
         functions = _functions(self._root)
         gc.collect()
         gc.freeze()
