@@ -8,8 +8,8 @@ with one. Annotations and decorators are left out: nothing evaluates the ones, a
 smaller one.
 
 Each mutant is put into a copy of the tree, where the tests run that ran the mutated statement when nothing was
-changed, quickest first, then the others of their files; of what survives, tests that ran nothing of the part:
-they run it in another process. The tests run in a process that has collected them, with the new code given to the
+changed, quickest first, then the others of their files where they share a fixture; of what survives, tests that
+ran nothing of the part: they run it in another process. The tests run in a process that has collected them, with the new code given to the
 function (benchmarks/_warm.py); where the statement is executed at import, all is imported anew and all tests run.
 A mutant is caught if a test fails, or if the tests take several times the processor time that they take without
 it. A test on the host's clock must fail twice. Results are kept by room in build/mutants: what is broken off goes
@@ -65,9 +65,9 @@ class Clean:
     def order(self, mutant: Mutant) -> list[str]:
         """Return the tests that may find the mutant, in the order in which they find it soonest.
 
-        Those that ran its statement, quickest first, then all others of their files (they may share what
-        a fixture has made), then files that ran nothing of the part, because they run it in another
-        process: these alone if no test ran the statement. If it is executed at import, all tests are returned.
+        Those that ran its statement, quickest first, then the others of their files where a fixture makes
+        something for more than one of them, then files that ran nothing of the part, because they run it in
+        another process: these alone if no test ran the statement. If it is executed at import, all are returned.
         """
         near = set(self.seconds) if self.at_import(mutant) else set(self._ran(mutant))
         first = dict.fromkeys(self.blind(), _BLIND_S)
@@ -78,7 +78,19 @@ class Clean:
             file = _file_of(test)
             return test not in near, first[file], file, self.seconds[test]
 
-        return sorted((test for test in self.seconds if _file_of(test) in first), key=key)
+        asked = near | {
+            test for test in self.seconds if _file_of(test) in first and self._shares(_file_of(test))
+        }
+        return sorted(asked, key=key)
+
+    def _shares(self, file: str) -> bool:
+        """Return whether a file's tests may see what others of them ran (or ran nothing of the part)."""
+        texts = [
+            path.read_text("utf-8")
+            for path in (ROOT / file, ROOT / Path(file).parent / "conftest.py")
+            if path.exists()
+        ]
+        return file in self.blind() or any(word in text for text in texts for word in ('scope="', "cache"))
 
     def blind(self) -> set[str]:
         """Return the files with tests that ran nothing of the part: they run it in another process."""

@@ -4,7 +4,7 @@ import importlib.util
 
 import pytest
 
-from benchmarks import _mutations
+from benchmarks import _mutations, mutants
 from benchmarks._mutant_rooms import ROOMS
 from benchmarks._mutations import Mutant, drawn, mutated
 from benchmarks._warm import Cold, _exchange, _functions
@@ -38,7 +38,9 @@ CLEAN = Clean(
 @pytest.fixture(autouse=True)
 def source(tmp_path, monkeypatch):
     (tmp_path / "m.py").write_text(SOURCE)
+    (tmp_path / "b.py").write_text('@pytest.fixture(scope="module")')
     monkeypatch.setattr(_mutations, "ROOT", tmp_path)
+    monkeypatch.setattr(mutants, "ROOT", tmp_path)
     _mutations._tree.cache_clear()
     yield
     _mutations._tree.cache_clear()
@@ -48,7 +50,7 @@ def mutant(line):
     return Mutant(PART, "m.py", "f", line, "core/NumberReplacer", 0)
 
 
-def test_those_that_ran_the_line_come_first_then_their_files_then_files_that_ran_nothing():
+def test_those_that_ran_the_line_come_first_then_those_that_share_a_fixture_then_files_that_ran_nothing():
     assert CLEAN.order(mutant(6)) == [
         "b.py::other",
         "a.py::slow",
