@@ -8,14 +8,15 @@ with one. Annotations and decorators are left out: nothing evaluates the ones, a
 smaller one.
 
 Each mutant is put into a copy of the tree, where the tests run that ran the mutated statement when nothing was
-changed, quickest first, then the others of their files where they share a fixture; of what survives, tests that
-ran nothing of the part: they run it in another process. The tests run in a process that has collected them, with the new code given to the
-function (benchmarks/_warm.py); where the statement is executed at import, all is imported anew and all tests run.
-A mutant is caught if a test fails, or if the tests take several times the processor time that they take without
-it. A test on the host's clock must fail twice. Results are kept by room in build/mutants: what is broken off goes
-on; a caught mutant stays caught while its file is the same; a survivor is asked the tests that have changed.
-Those that no input can show stand in equivalent_mutants.toml, with the reason, and do not count. `--write` puts
-the table into benchmarks/reliability.md; `--kept` tries nothing and tells what is known.
+changed, quickest first, then the others of their files where they share a fixture. They run in a process that has
+collected them, with the new code given to the function (benchmarks/_warm.py); where the statement is executed at
+import, all is imported anew and all tests run. Last, of what survives, come tests that ran nothing of the part:
+they run it in another process. A mutant is caught if a test fails, or if the tests take several times the
+processor time that they take without it. A test on the host's clock must fail twice. Results are kept by room in
+build/mutants: what is broken off goes on; a caught mutant stays caught while its file is the same; a survivor is
+asked the tests that have changed. Those that no input can show stand in equivalent_mutants.toml, with the reason,
+and do not count. `--write` puts the table into benchmarks/reliability.md; `--kept` tries nothing and tells what
+is known.
 """
 
 from __future__ import annotations
@@ -187,6 +188,8 @@ class Trials:
         clean = self.clean(mutant.part)
         limits_s = {test: _FACTOR * clean.seconds[test] for test in order}
         if not clean.at_import(mutant):
+            if mutant.part not in self._warm:
+                self._warm[mutant.part] = Warm(self._copy, mutant.part.tests, self._progress)
             with suppress(Cold):
                 found = self._warm[mutant.part].run(mutant.file, limits_s, _LEAST_S)
                 return self._named(found, order)
@@ -220,7 +223,6 @@ class Trials:
                     imported[file] |= set(before)
                     for line, tests in lines.items():
                         ran[file][int(line)] = [*ran[file].get(int(line), []), *tests]
-            self._warm[part] = Warm(self._copy, part.tests, self._progress)
             self._clean[part] = Clean(seconds, ran, imported)
             print(f"{' '.join(part.sources)}: the tests take {sum(seconds.values()):.1f} s", flush=True)
         return self._clean[part]
@@ -284,38 +286,38 @@ def _equivalent() -> dict[tuple[str, str, str], str]:
     return {(row["file"], row["function"], row["change"]): row["reason"] for row in rows}
 
 
-def _tried(room: str, count: int, trials: Trials | None) -> list[tuple[Mutant, dict[str, Any]]]:
-    """Return the room's mutants with what became of each; those known already are not run again.
+def _try(room: str, count: int, trials: Trials, *, blind: bool) -> None:
+    """Try the room's mutants; those known already are not run again.
 
-    Tests that run the sources in another process are asked last, of what all others have let pass.
-    Without `trials` those that are not known are left out.
+    Tests that run the sources in another process, `blind`, are asked last, of what all others have let pass.
     """
     kept, mutants, equivalent = Kept(room), drawn(room, count), _equivalent()
+    for number, mutant in enumerate(mutants, 1):
+        same = (mutant.file, mutant.function, change(mutant)) in equivalent
+        files = [] if same else kept.unasked(mutant)
+        if files and not blind:
+            files = [file for file in files if file not in trials.clean(mutant.part).blind()]
+        if files:
+            began_s = time.monotonic()
+            found = trials.outcome(mutant, files)
+            row = kept.keep(mutant, found, files)
+            print(
+                f"{room}, {number} of {len(mutants)}: {row['outcome']}, {mutant.file}:{mutant.line} "
+                f"{mutant.function}: {row['change']} {row['by']} "
+                f"({found.processor_s:.1f} s of {time.monotonic() - began_s:.1f} s)",
+                flush=True,
+            )
+    trials.close()
 
-    def why_not(mutant: Mutant) -> str | None:
-        return equivalent.get((mutant.file, mutant.function, change(mutant)))
 
-    for blind in (False, True):
-        for number, mutant in enumerate(mutants, 1):
-            if trials is None:
-                break
-            files = [] if why_not(mutant) else kept.unasked(mutant)
-            if files and not blind:
-                files = [file for file in files if file not in trials.clean(mutant.part).blind()]
-            if files:
-                began_s = time.monotonic()
-                found = trials.outcome(mutant, files)
-                row = kept.keep(mutant, found, files)
-                print(
-                    f"{room}, {number} of {len(mutants)}: {row['outcome']}, {mutant.file}:{mutant.line} "
-                    f"{mutant.function}: {row['change']} {row['by']} "
-                    f"({found.processor_s:.1f} s of {time.monotonic() - began_s:.1f} s)",
-                    flush=True,
-                )
+def _known(room: str, count: int) -> list[tuple[Mutant, dict[str, Any]]]:
+    """Return those of the room's mutants that were tried, with what became of each."""
+    kept, equivalent = Kept(room), _equivalent()
     results: list[tuple[Mutant, dict[str, Any]]] = []
-    for mutant in mutants:
-        known = {"outcome": _SAME, "change": change(mutant)} if why_not(mutant) else kept.row(mutant)
-        results += [] if known is None else [(mutant, known)]
+    for mutant in drawn(room, count):
+        same = (mutant.file, mutant.function, change(mutant)) in equivalent
+        row = {"outcome": _SAME, "change": change(mutant)} if same else kept.row(mutant)
+        results += [] if row is None else [(mutant, row)]
     return results
 
 
@@ -354,15 +356,18 @@ def main() -> int:
     count = int(words.pop(0)) if words and words[0].isdigit() else _SAMPLE
     if unknown := set(words) - set(ROOMS):
         raise SystemExit(f"no such room: {', '.join(sorted(unknown))}. There are {', '.join(ROOMS)}.")
+    rooms = words or [*ROOMS]
+    if "--kept" not in sys.argv:
+        with tempfile.TemporaryDirectory() as folder:
+            trials = Trials(Path(folder))
+            for blind in (False, True):
+                for room in rooms:
+                    _try(room, count, trials, blind=blind)
     lines, shares = [], []
-    with tempfile.TemporaryDirectory() as folder:
-        trials = None if "--kept" in sys.argv else Trials(Path(folder))
-        for room in words or ROOMS:
-            results = _tried(room, count, trials)
-            if trials:
-                trials.close()
-            lines += _lines(room, results)
-            shares.append(_share(results))
+    for room in rooms:
+        results = _known(room, count)
+        lines += _lines(room, results)
+        shares.append(_share(results))
     print("\n".join(["", *lines]))
     if "--write" in sys.argv:
         write_section("Mutants", f"python -m benchmarks.mutants {count}", lines)
