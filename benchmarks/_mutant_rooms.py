@@ -35,7 +35,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         ),
         _part(
             "bench/control/limits table_station",
-            "tests/control/test_limits test_table_axes test_stations test_session",
+            "tests/control/test_limits test_table_by_hand test_table_axes test_stations test_session",
         ),
         _part(
             "bench/control/watchdog/*",

@@ -138,6 +138,13 @@ def test_a_port_that_is_away_keeps_the_other_device_waiting_for_a_second_and_is_
     assert sum("BY HAND" in line for line in said) == 1
 
 
+def test_what_opens_late_is_stopped_at_once_though_another_port_stays_away(bench):
+    bench.devices["table"].there_s = 5.011  # between two tries, so that no clock reads exactly a second
+    bench.devices["chamber"].there_s = float("inf")
+    assert bench.take_over() is False
+    assert 5.0 <= bench.devices["table"].halted_s[0] < 5.1
+
+
 def test_a_port_that_opens_within_the_first_second_is_not_told_of(bench):
     bench.devices["table"].there_s = 0.5
     assert bench.take_over() is True
