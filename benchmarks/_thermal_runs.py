@@ -105,38 +105,18 @@ def cold_shock(
     mounting: Mounting | None = None,
     equilibrium_min: float = 90.0,
     return_min: float = 90.0,
+    shocks: int = 1,
+    between_min: float = 20.0,
 ) -> ThermalRunData:
     """Cold shock: equilibrium at room, ramp down, soak, ramp back, `return_min` more at room (nominal: 16,000 s).
 
+    Of several `shocks` each but the first begins `between_min` after the set point is back at room.
     Without `mounting` the axis is horizontal, east-west, for `rate_dps` 0 (a bias run) and up for other rates;
     the zero-rate run of a scale-factor group needs `mounting="axis_up"`. A slow ramp is `ramp_k_per_min=3`.
     """
     profile = [
         *_start(room_c, equilibrium_min),
-        *_shock(cold_c, room_c, ramp_k_per_min, soak_min, return_min),
-    ]
-    return simulate_thermal_run(profile, _setup(grade, unit_seed, run_seed, rate_dps, mounting))
-
-
-def double_shock(
-    *,
-    cold_c: float = -45.0,
-    ramp_k_per_min: float = 12.0,
-    soak_min: float = 45.0,
-    room_c: float = 25.0,
-    grade: Literal["mid", "nav"] = "mid",
-    unit_seed: int = 0,
-    run_seed: int = 0,
-    rate_dps: float = 0.0,
-    mounting: Mounting | None = None,
-    equilibrium_min: float = 90.0,
-    between_min: float = 20.0,
-    return_min: float = 90.0,
-) -> ThermalRunData:
-    """Two cold shocks, the second `between_min` after the set point is back at room; see `cold_shock`."""
-    profile = [
-        *_start(room_c, equilibrium_min),
-        *_shock(cold_c, room_c, ramp_k_per_min, soak_min, between_min),
+        *_shock(cold_c, room_c, ramp_k_per_min, soak_min, between_min) * (shocks - 1),
         *_shock(cold_c, room_c, ramp_k_per_min, soak_min, return_min),
     ]
     return simulate_thermal_run(profile, _setup(grade, unit_seed, run_seed, rate_dps, mounting))

@@ -19,7 +19,7 @@ from bench.analysis.thermal._registry import model_names
 from bench.analysis.thermal._regression import TARGETS, anchored_errors
 from bench.analysis.thermal._study import run_study
 from benchmarks._measure import Row, figure
-from benchmarks._thermal_runs import cold_shock, double_shock
+from benchmarks._thermal_runs import cold_shock
 from benchmarks.off_class._profiles import Truth, campaign, names, profiles, truths_of
 from benchmarks.off_class._thermal_plants import FAMILIES
 from drivers.base.arrays import Array
@@ -55,8 +55,10 @@ def in_class(seed: int) -> dict[str, Truth]:
     """Return what the emulated lab's own mid-grade gyro does on the profiles."""
     made = {}
     for name, (cold, ramp, soak_min, room) in zip(names(), profiles(), strict=True):
-        shocks = double_shock if name == "double" else cold_shock
-        data = shocks(cold_c=cold, ramp_k_per_min=ramp, soak_min=soak_min, room_c=room, unit_seed=seed)
+        shocks = 2 if name == "double" else 1
+        data = cold_shock(
+            cold_c=cold, ramp_k_per_min=ramp, soak_min=soak_min, room_c=room, unit_seed=seed, shocks=shocks
+        )
         made[name] = Truth(data.t_in_c, data.t_out_c, data.true_bias_dph, data.true_sf_error_ppm)
     return made
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks._thermal_runs import cold_shock, double_shock
+from benchmarks._thermal_runs import cold_shock
 from benchmarks._without import effect_names, without
 from drivers.base.constants import EARTH_RATE_DPH, earth_rate_north_dph, earth_rate_up_dph
 from drivers.base.errors import ConfigurationError
@@ -218,7 +218,7 @@ def test_rate_runs_carry_the_scale_factor_error() -> None:
 
 
 def test_double_shock_is_cold_twice() -> None:
-    data = double_shock(equilibrium_min=31.0, soak_min=20.0, return_min=5.0)
+    data = cold_shock(equilibrium_min=31.0, soak_min=20.0, return_min=5.0, shocks=2)
     cold = data.air_temp_c < -40.0
     assert np.count_nonzero(np.diff(cold.astype(int)) == 1) == 2
     assert data.reference_s == (60.0, 1860.0)
