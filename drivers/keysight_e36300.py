@@ -49,8 +49,8 @@ class E36300Supply(ScpiSupply):
         return Setting(volts[0], amperes[0])
 
     def _set(self, output: int, setting: Setting) -> str:
-        at = f"(@{output})"
-        return f"VOLT {setting.voltage_v:g},{at}\nCURR {setting.current_limit_a:g},{at}"
+        channel = f"(@{output})"
+        return f"VOLT {setting.voltage_v:g},{channel}\nCURR {setting.current_limit_a:g},{channel}"
 
     def _switching(self, output: int, on: bool) -> str:
         return f"OUTP {'ON' if on else 'OFF'},(@{output})"

@@ -150,15 +150,15 @@ def _rehearsed(run: CampaignRun, file: BenchFile, plant: Plant) -> PlannedRun:
     ends = [*(start for start, _ in begins[1:]), result.duration_s]
     return PlannedRun(
         run,
-        run.test.demands(run.values),
-        0.0,
-        result.duration_s,
-        _chamber_s(events.of(ConditioningDemand), ends[-1]),
-        size,
-        tuple(PlannedStep(title, start, end) for (start, title), end in zip(begins, ends, strict=True)),
-        tuple(prompt.question for _, prompt in events.of(Prompt)),
-        result.outcome,
-        result.reason,
+        demands=run.test.demands(run.values),
+        start_s=0.0,
+        duration_s=result.duration_s,
+        chamber_s=_chamber_s(events.of(ConditioningDemand), ends[-1]),
+        bytes=size,
+        steps=tuple(PlannedStep(title, start, end) for (start, title), end in zip(begins, ends, strict=True)),
+        questions=tuple(prompt.question for _, prompt in events.of(Prompt)),
+        rehearsed=result.outcome,
+        reason=result.reason,
     )
 
 

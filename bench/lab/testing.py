@@ -73,8 +73,8 @@ class TestBench:
 
     def run(self, procedure: str, /, *, judge: bool = True, **parameters: Any) -> TestRun:
         """Run an installed procedure. See `drive` for what `judge` does."""
-        found = find_procedure(procedure)
-        return self._run(found, found.parse(parameters), judge)
+        chosen = find_procedure(procedure)
+        return self._run(chosen, chosen.parse(parameters), judge)
 
     def drive(
         self, function: Callable[[Bench], None], /, *, judge: bool = True, demands: Demands | None = None

@@ -130,7 +130,8 @@ class AcutrolTable(AcutrolExchanges):
         """Take the answer to `request_state`."""
         numbers = self._collected(self.request_state, lambda: self._take(2 * len(self.axes) + self._marked))
         outer = {
-            name: TableState(numbers[2 * at], numbers[2 * at + 1]) for at, name in enumerate(self.axes[:-1])
+            name: TableState(numbers[2 * place], numbers[2 * place + 1])
+            for place, name in enumerate(self.axes[:-1])
         }
         last = 2 * len(self.axes) - 2
         return TableState(numbers[last], numbers[last + 1], outer)
@@ -150,27 +151,27 @@ class AcutrolTable(AcutrolExchanges):
         errors of long ago, are no alarms of their own. An open interlock counts only if this driver closed it:
         somebody else opened it. Of several axes each alarm says which.
         """
-        found = []
+        alarms = []
         for name, number in self._numbers_by_name.items():
             prefix = f"{name}: " if len(self.axes) > 1 else ""
-            found += [prefix + text for text in self._alarms_of(number)]
-        return found
+            alarms += [prefix + text for text in self._alarms_of(number)]
+        return alarms
 
     def _alarms_of(self, number: int) -> list[str]:
         interlock = self._interlock(number)
-        found = []
+        alarms = []
         if interlock == "fault":
-            found.append("interlock fault")
+            alarms.append("interlock fault")
         elif interlock == "open" and self._closed_by_us:
-            found.append("interlock opened by someone else: the axis is not servoed")
+            alarms.append("interlock opened by someone else: the axis is not servoed")
         state = bits_in_words(self._register(number, "STATE"), STATE_BITS)
-        found += [words for words in state if words in _FAULT_STATES]
-        found += bits_in_words(self._register(number, "SWFLT"), SOFTWARE_FAULT_BITS)
-        found += bits_in_words(self._register(number, "INTLK"), INTERLOCK_BITS)
-        for name, words in (("ERR", ERROR_BITS), ("DIAG", DIAGNOSTIC_BITS)) if found else ():
+        alarms += [words for words in state if words in _FAULT_STATES]
+        alarms += bits_in_words(self._register(number, "SWFLT"), SOFTWARE_FAULT_BITS)
+        alarms += bits_in_words(self._register(number, "INTLK"), INTERLOCK_BITS)
+        for name, words in (("ERR", ERROR_BITS), ("DIAG", DIAGNOSTIC_BITS)) if alarms else ():
             with contextlib.suppress(DeviceRefused):  # they explain a fault, and not every firmware has them
-                found += bits_in_words(self._register(number, name), words)
-        return found
+                alarms += bits_in_words(self._register(number, name), words)
+        return alarms
 
     def _send_stop(self) -> None:
         """Demand Off mode (servoed, zero rate) of every axis.

@@ -118,9 +118,9 @@ def read_settings(
     try:
         content = read_bounded(path, SETTINGS_BYTES)
     except OSError as error:
-        found = error.strerror or str(error)
+        problem = error.strerror or str(error)
         raise ConfigurationError(
-            f"{what} cannot be read", where=str(path), found=found, expected=expected, remedy=remedy
+            f"{what} cannot be read", where=str(path), found=problem, expected=expected, remedy=remedy
         ) from error
     try:
         return parse_toml(content), content

@@ -373,10 +373,10 @@ class SupplyConfig(InstrumentConfig):
             [entry for entry in outputs if isinstance(entry, dict)] if isinstance(outputs, list) else []
         )
         numbers = [section.get("number") for section in sections]
-        for at, number in enumerate(numbers):
-            if (first := numbers.index(number)) < at:
+        for place, number in enumerate(numbers):
+            if (first := numbers.index(number)) < place:
                 expected = f"one of its own (outputs[{first}] has this one)"
-                yield Mistake(f"outputs[{at}].number", repr(number), expected)
+                yield Mistake(f"outputs[{place}].number", repr(number), expected)
 
 
 class LoggerConfig(InstrumentConfig):

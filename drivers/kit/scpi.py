@@ -66,8 +66,8 @@ def query_exchanges(exchanges: Iterable[Exchange]) -> Iterator[tuple[int, str, s
         return None
 
     def reply(request: bytes, buffer: bytes) -> tuple[bytes, int] | None:
-        at = buffer.find(END)
-        return None if at < 0 else (buffer[:at].strip(), at + len(END))
+        end = buffer.find(END)
+        return None if end < 0 else (buffer[:end].strip(), end + len(END))
 
     for at_ns, request, answer in match_replies(exchanges, query, reply):
         text = None if answer is None else answer.decode("latin-1")

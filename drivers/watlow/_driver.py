@@ -149,12 +149,12 @@ class WatlowChamber(PolledChamber):
 
     def alarms(self) -> list[str]:
         """Read the state of every alarm."""
-        found = []
+        alarms = []
         for number, register in self._alarm_registers.items():
             (state,) = self._modbus.read(register, 1)
             if words := self._alarm_words.get(state, f"state {state}"):
-                found.append(f"alarm {number}: {words}")
-        return found
+                alarms.append(f"alarm {number}: {words}")
+        return alarms
 
     def _ramp(self, k_per_min: float | None) -> None:
         """Rate first, mode last: no ramp ever begins at an old rate."""

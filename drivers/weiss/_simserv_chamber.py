@@ -88,9 +88,9 @@ class SimServChamber(WeissChamber):
 
     def read_state(self) -> ChamberState:
         """Take the answer to `request_state` and ask the rest."""
-        first, *rest = self._questions
+        first, *others = self._questions
         answers = {first: self._collected(lambda: self._request(*first), lambda: self._take_value(first[0]))}
-        answers |= {question: self._value(*question) for question in rest}
+        answers |= {question: self._value(*question) for question in others}
         self._set_point_c = answers.get(_SET_POINT, self._set_point_c)
         auxiliary_c = {number: answers[Number.GET_MEASURED, number] for number in self.auxiliary}
         return ChamberState(answers[_AIR], self._set_point_c, auxiliary_c)
@@ -109,12 +109,12 @@ class SimServChamber(WeissChamber):
         status = self._status()
         if not status & (ChamberStatus.ALARM | ChamberStatus.WARNING):
             return []
-        found = []
+        alarms = []
         for index in range(1, int(self._value(Number.MESSAGE_COUNT)) + 1):
             kind = MESSAGE_TYPES.get(int(self._value(Number.MESSAGE_TYPE, index)), "message")
             if kind != "info" and int(self._value(Number.MESSAGE_ACTIVE, index)) == 1:
-                found.append(f"{kind}: {self._text(Number.MESSAGE_TEXT, index)}")
-        return found or [f"chamber status {int(status)} without an active message"]
+                alarms.append(f"{kind}: {self._text(Number.MESSAGE_TEXT, index)}")
+        return alarms or [f"chamber status {int(status)} without an active message"]
 
     def in_step(self) -> bool:
         """Ask for the model, which is text where all other questions of a run have a number for an answer."""

@@ -66,11 +66,11 @@ def _hats(values: Array, nodes: Sequence[float]) -> Array:
     """Return linear splines over all nodes but the first, (nodes - 1, n); of a number (nodes - 1,)."""
     many = np.atleast_1d(values)
     along = np.interp(many, nodes, np.arange(len(nodes)))
-    left = np.minimum(along.astype(np.int64), len(nodes) - 2)
+    lower = np.minimum(along.astype(np.int64), len(nodes) - 2)
     hats = np.zeros((len(nodes), len(many)))
     every = np.arange(len(many))
-    hats[left, every] = 1.0 - (along - left)
-    hats[left + 1, every] = along - left
+    hats[lower, every] = 1.0 - (along - lower)
+    hats[lower + 1, every] = along - lower
     return hats[1:] if np.ndim(values) else hats[1:, 0]
 
 

@@ -128,5 +128,5 @@ def table_rate(inputs: ChannelInputs, values: Values) -> Array:
 def _since_change_s(inputs: ChannelInputs) -> Array:
     """Return time since the demand last changed, (n,): `demands` say when."""
     starts = np.array([demand.time_s for demand in inputs.demands] or [inputs.time_s[0]])
-    at = np.maximum(np.searchsorted(starts, inputs.time_s, side="right") - 1, 0)
-    return np.asarray(inputs.time_s - starts[at])
+    latest = np.maximum(np.searchsorted(starts, inputs.time_s, side="right") - 1, 0)
+    return np.asarray(inputs.time_s - starts[latest])

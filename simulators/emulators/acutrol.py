@@ -74,8 +74,8 @@ class AcutrolEmulator:
     def receive(self, data: bytes, now_s: float) -> list[Reply]:
         """Take bytes the bench wrote (any chunking); CR, LF or both end a line, empty lines are not answered."""
         self._input += data
-        *lines, rest = bytes(self._input).replace(b"\n", b"\r").split(b"\r")
-        self._input = bytearray(rest[: MAX_TEXT_BYTES + 1])
+        *lines, unfinished = bytes(self._input).replace(b"\n", b"\r").split(b"\r")
+        self._input = bytearray(unfinished[: MAX_TEXT_BYTES + 1])
         replies = []
         for line in lines:
             if line.strip():

@@ -82,8 +82,8 @@ class CanEmulator:
         was_passing = self.adapter.passing
         answers = self.adapter.receive(data, now_s)
         if was_passing and not self.adapter.passing:
-            rest = self._send(now_s)
-            return answers if rest is None else [Reply(now_s, rest.data), *answers]
+            unsent = self._send(now_s)
+            return answers if unsent is None else [Reply(now_s, unsent.data), *answers]
         if not was_passing:
             self._next = max(self._next, self._due(now_s))
         return answers

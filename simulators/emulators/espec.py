@@ -82,8 +82,8 @@ class EspecEmulator:
 
     def receive(self, data: bytes, now_s: float) -> list[Reply]:
         """Take bytes the bench wrote (any chunking); an empty line is not answered."""
-        *lines, rest = (self._input + data).split(END)
-        self._input = rest[-_LIMIT:]
+        *lines, unfinished = (self._input + data).split(END)
+        self._input = unfinished[-_LIMIT:]
         replies = []
         for line in lines:
             text = line.decode("latin-1").strip()

@@ -54,8 +54,8 @@ class AtlEmulator:
         if self._after_return:
             data = data.removeprefix(b"\n")
         self._after_return = data.endswith(b"\r") or (not data and self._after_return)
-        *lines, rest = re.split(rb"\r\n|\r|\n", self._input + data)
-        self._input = rest[-_LIMIT:]
+        *lines, unfinished = re.split(rb"\r\n|\r|\n", self._input + data)
+        self._input = unfinished[-_LIMIT:]
         replies = []
         for line in lines:
             text = line.decode("latin-1").strip().upper()

@@ -41,8 +41,8 @@ class PlatformEmulator:
 
     def receive(self, data: bytes, now_s: float) -> list[Reply]:
         """Take bytes from the bench; a whole line is answered, noise is dropped."""
-        *lines, rest = (self._line + data).split(b"\n")
-        self._line = rest[-_LONGEST:]
+        *lines, unfinished = (self._line + data).split(b"\n")
+        self._line = unfinished[-_LONGEST:]
         replies = []
         for line in lines:
             fields = parse(line[max(0, line.rfind(b"$")) :].rstrip(b"\r"))

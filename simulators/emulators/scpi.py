@@ -63,8 +63,8 @@ class ScpiEmulator(ABC):
 
     def receive(self, data: bytes, now_s: float) -> list[Reply]:
         """Take bytes the bench wrote (any chunking); LF ends a line."""
-        *lines, rest = (self._input + data).split(b"\n")
-        self._input = rest[-_LIMIT:]
+        *lines, unfinished = (self._input + data).split(b"\n")
+        self._input = unfinished[-_LIMIT:]
         replies = []
         for line in lines:
             text = line.decode("latin-1").strip()

@@ -80,8 +80,8 @@ class WeissEmulator:
     def receive(self, data: bytes, now_s: float) -> list[Reply]:
         """Take bytes the bench wrote (any chunking); CR ends a line, LF and empty lines are not answered."""
         self._input += data.replace(b"\n", b"")
-        *lines, rest = bytes(self._input).split(b"\r")
-        self._input = bytearray(rest)
+        *lines, unfinished = bytes(self._input).split(b"\r")
+        self._input = bytearray(unfinished)
         replies = []
         for line in filter(None, lines):
             answer = self._answer(line.decode("latin-1"), now_s)

@@ -64,14 +64,14 @@ def draw_case(seed: int, kind: str) -> ExamCase:
         snr = max(snr, 1.0)
     return ExamCase(
         seed,
-        kind,
-        effects,
-        snr,
-        stochastic,
-        noise,
-        draw_unit(rng),
-        float(rng.normal(0.0, SF_SIGMA_PPM)),
-        float(rng.normal(0.0, SLOPE_SIGMA_DPH)),
+        kind=kind,
+        effects=effects,
+        snr=snr,
+        stochastic=stochastic,
+        noise=noise,
+        unit=draw_unit(rng),
+        sf_ppm=float(rng.normal(0.0, SF_SIGMA_PPM)),
+        slope_dph=float(rng.normal(0.0, SLOPE_SIGMA_DPH)),
     )
 
 

@@ -68,9 +68,10 @@ def figures_of(
     mean, mean_sigma, drift, drift_sigma = _trend(flat, index / per_s / 3600.0)
     first_s, largest = (index[odd[0]] / per_s, sizes[np.argmax(np.abs(sizes))]) if len(odd) else (np.nan, 0.0)
     figures = Figures(
-        int(finite.sum()), int((~finite).sum()), mean, mean_sigma, spread, drift, drift_sigma,
-        _steps(clean, finite & rest, per_s), len(odd), float(first_s), float(largest),
-        _limits(recorded), _quantum(recorded),
+        samples=int(finite.sum()), missing=int((~finite).sum()), mean=mean, mean_sigma=mean_sigma,
+        sigma=spread, drift_per_h=drift, drift_sigma=drift_sigma, steps=_steps(clean, finite & rest, per_s),
+        outliers=len(odd), first_outlier_s=float(first_s), largest_outlier=float(largest),
+        limits=_limits(recorded), quantum=_quantum(recorded),
     )  # fmt: skip
     return figures, clean
 

@@ -132,16 +132,16 @@ def clock_of(
         )
     slot = np.concatenate(([0], np.where(forward, np.cumsum(ahead), -1)))
     clock = Clock(
-        rate_hz or (1.0 / usual if in_s else np.nan),
-        source if rate_hz else "the time column" if in_s else "nobody",
-        float(time_s[0]) * unit_s,
-        rows,
-        int(late.sum()),
-        int((ahead[late] - 1).sum()),
-        float(step[late].max(initial=0.0)) * unit_s,
-        int((~forward).sum()),
-        float(step[even].std()) * unit_s if even.any() else 0.0,
-        pace is not None,
+        rate_hz=rate_hz or (1.0 / usual if in_s else np.nan),
+        source=source if rate_hz else "the time column" if in_s else "nobody",
+        start_s=float(time_s[0]) * unit_s,
+        rows=rows,
+        gaps=int(late.sum()),
+        lost=int((ahead[late] - 1).sum()),
+        longest_s=float(step[late].max(initial=0.0)) * unit_s,
+        odd=int((~forward).sum()),
+        jitter_s=float(step[even].std()) * unit_s if even.any() else 0.0,
+        bursts=pace is not None,
     )
     return clock, Grid(slot, int(slot.max()) + 1)
 

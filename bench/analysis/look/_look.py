@@ -216,14 +216,14 @@ def _axis(
     factor, unit = (DPH_PER_DPS, "deg/h") if in_dph else (1.0, channel.base_unit)
     return AxisLook(
         channel,
-        figures,
-        part.start / per_s,
-        part.stop / per_s,
-        allan_of(stretch * factor, per_s, unit) if len(stretch) >= _FEWEST else None,
-        spectrum_of(stretch, per_s) if len(stretch) >= _FEWEST else None,
-        dependence(clean, heat[1], motion.rest, heat[0]) if heat else None,
-        values,
-        clock.known,
+        figures=figures,
+        noise_from_s=part.start / per_s,
+        noise_to_s=part.stop / per_s,
+        allan=allan_of(stretch * factor, per_s, unit) if len(stretch) >= _FEWEST else None,
+        spectrum=spectrum_of(stretch, per_s) if len(stretch) >= _FEWEST else None,
+        temperature=dependence(clean, heat[1], motion.rest, heat[0]) if heat else None,
+        values=values,
+        clock_known=clock.known,
     )
 
 

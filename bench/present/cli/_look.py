@@ -56,16 +56,23 @@ def look(
         raise BadParameter("--write needs --latitude: it is not in a log, and a mapping must have it")
     console = Terminal(as_json=as_json)
     options = LookOptions(
-        separator, skip, table, tuple(dbc or ()), rate, tuple(column or ()), tuple(unit or ()), still
+        separator=separator,
+        skip=skip,
+        group=table,
+        dbc=tuple(dbc or ()),
+        rate_hz=rate,
+        columns=tuple(column or ()),
+        units=tuple(unit or ()),
+        still=still,
     )
     with console.status(f"looking at {log.name}"):
-        found = look_at(log, options)
-        pair = half_differences(found, look_at(turned, options), latitude) if turned else ()
-    _say(console, found)
+        looked = look_at(log, options)
+        pair = half_differences(looked, look_at(turned, options), latitude) if turned else ()
+    _say(console, looked)
     if turned:
         _say_pair(console, pair, f"{log.name} and {turned.name}, turned over")
     files = [] if write is None or latitude is None else write_files(
-        found, write, latitude_deg=latitude, unit_id=unit_id
+        looked, write, latitude_deg=latitude, unit_id=unit_id
     )  # fmt: skip
     if report is not None:
         from bench.present.report import look_page, write_report
@@ -73,11 +80,11 @@ def look(
 
         with log.open("rb") as file:
             checksum = hashlib.file_digest(file, "sha256").hexdigest()
-        files.append(write_report(report, look_page(found, checksum=checksum, created_utc=utc_now())))
+        files.append(write_report(report, look_page(looked, checksum=checksum, created_utc=utc_now())))
     console.say_all(files, soft_wrap=True)
     console.say_json(
         "look",
-        **found.facts(),
+        **looked.facts(),
         half_differences=[vars(axis) for axis in pair],
         files=[str(path) for path in files],
     )

@@ -64,9 +64,9 @@ def driver(name: Name, as_json: Json = False) -> None:
     The gyro sends binary frames. Its emulator and a bench that has it come along.
     """
     module, dashed = _names(name)
-    own = {"module.py": f"{module}.py", "module_emulator.py": f"{module}_emulator.py"}
+    renamed = {"module.py": f"{module}.py", "module_emulator.py": f"{module}_emulator.py"}
     console = Terminal(as_json=as_json)
-    files = _write(console, _package(name, "driver", own), name=module, dashed=dashed)
+    files = _write(console, _package(name, "driver", renamed), name=module, dashed=dashed)
     _say_next(
         console,
         files,

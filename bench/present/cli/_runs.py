@@ -239,11 +239,11 @@ def verify(run: Annotated[list[Path], Argument(help="run folders")], as_json: Js
     from bench.record.recording import verify as verify_record
     from bench.record.run_folder import url_of
 
-    console, found = Terminal(as_json=as_json), []
+    console, reports = Terminal(as_json=as_json), []
     failed = False
     for folder in run:
         report, name = verify_record(folder, decode_run), url_of(folder) or folder
-        found.append({"run": str(name), "passed": report.passed, "report": report})
+        reports.append({"run": str(name), "passed": report.passed, "report": report})
         if report.passed:
             counts = f"{report.files} checksums, {report.tables} tables rebuilt"
             seal = "" if report.sealed else ", manifest not sealed"
@@ -252,7 +252,7 @@ def verify(run: Annotated[list[Path], Argument(help="run folders")], as_json: Js
         failed = True
         console.parts(("differs", "red"), f"  {name}")
         console.say_all(f"  {problem.path}: {problem.text}" for problem in report.problems)
-    console.say_json("result", verified=found)
+    console.say_json("result", verified=reports)
     sys.exit(1 if failed else 0)
 
 

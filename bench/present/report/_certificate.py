@@ -125,7 +125,7 @@ class CertifiedFigure:
             return "not measured" if self.limited else "not judged"
         if not self.limited:
             return "not judged"
-        found = {
+        judgements = {
             self.decision.judge(
                 value,
                 self.intervals.get(run),
@@ -135,7 +135,7 @@ class CertifiedFigure:
             )
             for run, value in self.values.items()
         }
-        return "fail" if "fail" in found else "undecided" if "undecided" in found else "pass"
+        return "fail" if "fail" in judgements else "undecided" if "undecided" in judgements else "pass"
 
     @property
     def doubtful(self) -> bool:

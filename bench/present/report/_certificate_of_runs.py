@@ -246,16 +246,18 @@ def _figure(
     return CertifiedFigure(
         name,
         units.pop(),
-        {run: figure.value for run, figure in rows},
-        low,
-        high,
-        {
+        values={run: figure.value for run, figure in rows},
+        lower_limit=low,
+        upper_limit=high,
+        intervals={
             run: (figure.low, figure.high)
             for run, figure in rows
             if figure.low is not None and figure.high is not None
         },
-        frozenset(run for run, figure in rows if not figure.seen),
-        decision,
-        max((figure.digits for _, figure in rows), default=4),
-        {run: figure.budget.combined for run, figure in rows if figure.budget is not None},
+        unseen=frozenset(run for run, figure in rows if not figure.seen),
+        decision=decision,
+        digits=max((figure.digits for _, figure in rows), default=4),
+        standard_uncertainties={
+            run: figure.budget.combined for run, figure in rows if figure.budget is not None
+        },
     )

@@ -91,9 +91,9 @@ def _verdict(study: HeadingStudy) -> Verdict:
                 "Compensating with it could add error: there is no compensation."
             ],
         )
-    own = [row for row in study.judgements if row.method == study.model.form]
-    held = [row for row in own if row.held_out]
-    shown = held or own
+    judgements = [row for row in study.judgements if row.method == study.model.form]
+    held = [row for row in judgements if row.held_out]
+    shown = held or judgements
     median = float(np.median([row.reduction_percent for row in shown]))
     sentences = [
         f"The {study.model.form} model takes {fixed(median, 1)} % off the heading sensitivity of the "
@@ -141,8 +141,8 @@ def mixed_text(study: HeadingStudy) -> str:
 
 def _errors(study: HeadingStudy) -> list[Block]:
     blocks: list[Block] = []
-    own = [row for row in study.judgements if row.method == study.model.form]
-    for number, row in enumerate(own):
+    judgements = [row for row in study.judgements if row.method == study.model.form]
+    for number, row in enumerate(judgements):
         hours = (row.time_s - row.time_s[0]) / _HOUR
         plots = [
             before_after(f"{name} error, ′", hours, before / 60.0, after / 60.0)
@@ -224,11 +224,11 @@ def _nine(nine: NineCoefficients | None, refused: str) -> list[Block]:
     heads = ["Coefficient", ">Value [10⁻³ °/h/K]", ">σ [10⁻³ °/h/K]", ">p", "Significant at 5 %"]
     rows = []
     for axis in range(3):
-        for at, term in enumerate(("b0", "ac", "as")):
-            sigma = None if nine.sigma_dph_per_k is None else 1e3 * float(nine.sigma_dph_per_k[axis, at])
-            p_value = None if nine.p_value is None else float(nine.p_value[axis, at])
+        for column, term in enumerate(("b0", "ac", "as")):
+            sigma = None if nine.sigma_dph_per_k is None else 1e3 * float(nine.sigma_dph_per_k[axis, column])
+            p_value = None if nine.p_value is None else float(nine.p_value[axis, column])
             word = DASH if p_value is None else "yes" if p_value < _SIGNIFICANT else "no"
-            gain = fixed(1e3 * float(nine.gain_dph_per_k[axis, at]), 3)
+            gain = fixed(1e3 * float(nine.gain_dph_per_k[axis, column]), 3)
             rows.append(named(f"{_AXES[axis]} {term}", gain, fixed(sigma, 3), fixed(p_value, 3), word))
     caption = (
         f"Mean drift of {nine.headings} steady headings against the Fourier terms of their temperature; "

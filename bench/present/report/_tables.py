@@ -91,10 +91,10 @@ def checks_table(runs: Sequence[RunContent]) -> list[Block]:
         heads.append(f">{measured(name)} [{unit}]")
     rows = []
     for run in runs:
-        found = {item.name: item for item in run.measurements}
-        if not names.keys() & found.keys():
+        by_name = {item.name: item for item in run.measurements}
+        if not names.keys() & by_name.keys():
             continue
-        cells = [_check_cell(found.get(name), first) for name, first in names.items()]
+        cells = [_check_cell(by_name.get(name), first) for name, first in names.items()]
         rows.append(named(run.run_id, *cells))
     caption = (
         "Criteria of the procedure, measured on the record of each run. ✕ marks a value outside its limits."
@@ -186,8 +186,8 @@ def record_sections(
 
 
 def _parameters_text(run: RunContent, common: Mapping[str, Any]) -> str:
-    own = {name: value for name, value in run.manifest.parameters.items() if name not in common}
-    return ", ".join(" ".join(parameter(name, value)) for name, value in own.items())
+    parameters = {name: value for name, value in run.manifest.parameters.items() if name not in common}
+    return ", ".join(" ".join(parameter(name, value)) for name, value in parameters.items())
 
 
 def _common_parameters(runs: Sequence[RunContent]) -> dict[str, Any]:

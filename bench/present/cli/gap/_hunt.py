@@ -114,8 +114,8 @@ def _say_state(console: Terminal, search: Hunt) -> None:
     gained = "" if state.gained_nats is None else f", {state.gained_nats:.2f} nats gained"
     console.say(f"so far: {_answer(state)}{gained}, {state.used_h:.1f} h used")
     others = sorted(state.probabilities.items(), key=lambda row: -row[1])[1:4]
-    if rest := ", ".join(f"{name} {100 * value:.0f} %" for name, value in others if value >= 0.01):
-        console.say(f"  or {rest}", style="dim")
+    if alternatives := ", ".join(f"{name} {100 * value:.0f} %" for name, value in others if value >= 0.01):
+        console.say(f"  or {alternatives}", style="dim")
 
 
 def _answer(state: Sought) -> str:
@@ -168,11 +168,13 @@ def _write_page(report: Path, search: Hunt) -> None:
     from bench.analysis import gap
     from bench.present.report import gap_page, write_report
 
-    found = search.diagnosis
-    assert found is not None
+    diagnosis = search.diagnosis
+    assert diagnosis is not None
     states = [state.folder for state in search.folder.states() if state.outcome == "completed"]
     folders = [folder for folder in states if folder is not None]
     given = gap.read_recordings(folders, gyro=search.gyro.name)
-    shown = gap.differences(given.shown, found.model, gap.closed_model(found))
-    page = gap_page(found, shown, gap.suggest(found), created_utc=utc_now(), model_file=search.model.name)
+    shown = gap.differences(given.shown, diagnosis.model, gap.closed_model(diagnosis))
+    page = gap_page(
+        diagnosis, shown, gap.suggest(diagnosis), created_utc=utc_now(), model_file=search.model.name
+    )
     write_report(report, page)
