@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import pyarrow.parquet
 
 from bench.analysis.look._channels import ACCELEROMETER, GYRO
 from bench.analysis.look._look import AxisLook, Look
+from bench.record.recording import checksum
 from drivers.base.errors import ConfigurationError
 from drivers.base.files import replace_file
 
@@ -52,15 +52,13 @@ def write_files(found: Look, folder: Path, *, latitude_deg: float, unit_id: str 
 
 
 def _mapping(found: Look, axis: AxisLook, gyros: list[AxisLook], latitude_deg: float, unit_id: str) -> str:
-    with found.log.open("rb") as log:
-        checksum = hashlib.file_digest(log, "sha256").hexdigest()
     heavy = {one.channel.axis: one for one in found.axes if one.channel.kind == ACCELEROMETER}
     elevation = _elevation(heavy, axis)
     rows = [f"time = {_column('time_s', 's')}", f"output = {_column(axis.channel.name, 'deg/s')}"]
     rows += [f"t_in = {_column(name, 'degC')}" for name in list(found.temperatures)[:1]]
     known = "from the accelerometers at rest" if elevation is not None else "not known: say it"
     return f"""# {found.log.name.encode("unicode_escape").decode()} as `gyrobench look` read it; its SHA-256:
-# {checksum}
+# {checksum(found.log).sha256}
 format = 1
 unit_id = {json.dumps(unit_id)}
 latitude_deg = {float(latitude_deg)!r}

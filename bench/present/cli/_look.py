@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -76,11 +75,11 @@ def look(
     )  # fmt: skip
     if report is not None:
         from bench.present.report import look_page, write_report
+        from bench.record.recording import checksum
         from drivers.base.clock import utc_now
 
-        with log.open("rb") as file:
-            checksum = hashlib.file_digest(file, "sha256").hexdigest()
-        files.append(write_report(report, look_page(looked, checksum=checksum, created_utc=utc_now())))
+        page = look_page(looked, checksum=checksum(log).sha256, created_utc=utc_now())
+        files.append(write_report(report, page))
     console.say_all(files, soft_wrap=True)
     console.say_json(
         "look",

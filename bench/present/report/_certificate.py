@@ -141,9 +141,10 @@ class CertifiedFigure:
     def doubtful(self) -> bool:
         """Whether the interval of a value inside the limits reaches beyond them."""
         ends = [end for interval in self.intervals.values() for end in interval]
-        return self.judgement == "pass" and not all(self._inside(end) for end in ends)
+        return self.judgement == "pass" and not all(self.holds(end) for end in ends)
 
-    def _inside(self, value: float) -> bool:
+    def holds(self, value: float) -> bool:
+        """Return whether a value lies inside the limits, the limits included."""
         above = self.lower_limit is None or value >= self.lower_limit
         below = self.upper_limit is None or value <= self.upper_limit
         return math.isfinite(value) and above and below

@@ -178,11 +178,7 @@ def _administration(
     ):
         statement = _add(statements, "statement")
         _add(statement, "norm", norm)
-        _text_of(_add(statement, "declaration"), declaration)
-
-
-def _text_of(parent: ET.Element, text: str) -> None:
-    _add(parent, "content", text).set("lang", "en")
+        _add(_add(statement, "declaration"), "content", declaration).set("lang", "en")
 
 
 def _results(
@@ -235,8 +231,9 @@ def _quantity(parent: ET.Element, figure: CertifiedFigure, value: float) -> None
         _add(interval, "coverageProbability", "0.95", _SI)
     if figure.limited:
         stated = {"pass": "pass", "fail": "fail"}.get(figure.judgement)
-        inside = (figure.lower_limit is None or value >= figure.lower_limit) and (
-            figure.upper_limit is None or value <= figure.upper_limit
-        )
         metadata = _add(_add(parent, "measurementMetaData"), "metaData")
-        _add(metadata, "conformity", stated or ("conditionalPass" if inside else "conditionalFail"))
+        _add(
+            metadata,
+            "conformity",
+            stated or ("conditionalPass" if figure.holds(value) else "conditionalFail"),
+        )
