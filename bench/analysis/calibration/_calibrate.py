@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,6 +18,8 @@ from bench.analysis.calibration._result import Evaluation, evaluate
 from bench.analysis.calibration._runs import CalibrationRun, load_calibration_run
 from bench.analysis.calibration._schedule import load_scheme
 from bench.analysis.common.compensation import provenance
+from bench.record.exchange import read_table
+from bench.record.recording import checksum
 from drivers.base.errors import ConfigurationError, RecordError
 
 _COLUMNS = [f"gyro_{axis}_dps" for axis in "xyz"] + [f"accelerometer_{axis}_mps2" for axis in "xyz"]
@@ -60,9 +60,9 @@ def load_record(
     dwell_s: float = 180.0,
     latitude_deg: float | None = None,
 ) -> CalibrationRun:
-    """Return what a run folder holds, or a CSV record with what is told of it.
+    """Return what a run folder holds, or a log (of any format that imports read) with what is told of it.
 
-    A CSV record has columns time_s, gyro_x_dps .. and accelerometer_x_mps2 .., means over each sample at a
+    A log has columns time_s, gyro_x_dps .. and accelerometer_x_mps2 .., means over each sample at a
     constant rate, and needs `scheme` and `latitude_deg`. RecordError says what makes a record unusable.
     """
     if record.is_dir():
@@ -70,19 +70,20 @@ def load_record(
         return run if latitude_deg is None else replace(run, latitude_deg=latitude_deg)
     if scheme is None or latitude_deg is None:
         raise ConfigurationError(
-            "a CSV record does not say what was turned where",
+            "a log does not say what was turned where",
             where=str(record),
             found="--scheme " + (scheme or "left out"),
             expected="--scheme and --latitude-deg, and --dwell-s if it was not 180",
             remedy="a run folder of `gyrobench run system-calibration` says it itself",
         )
+    increments = read_increments(record)
     return CalibrationRun(
         run_id=record.stem,
-        checksum=hashlib.sha256(record.read_bytes()).hexdigest() if record.is_file() else "",
+        checksum=checksum(record).sha256,
         gyro=gyro or record.stem,
         unit_id=gyro or record.stem,
         latitude_deg=latitude_deg,
-        increments=read_increments(record),
+        increments=increments,
         schedule=load_scheme(scheme).with_(dwell_s=dwell_s),
         table="by-hand",
         mounting="",
@@ -124,20 +125,15 @@ def calibrate(
 
 
 def read_increments(path: Path) -> Increments:
-    """Read a CSV record; RecordError names missing columns, text that is no number, and gaps in time."""
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            header = [name.strip() for name in next(csv.reader(file), [])]
-            missing = [name for name in ("time_s", *_COLUMNS) if name not in header]
-            if missing:
-                raise RecordError(
-                    "columns are missing", where=str(path), found=", ".join(missing) + " not there"
-                )
-            columns = [header.index(name) for name in ("time_s", *_COLUMNS)]
-            lines = file.readlines()
-        values = np.loadtxt(lines, delimiter=",", usecols=columns, ndmin=2) if lines else np.empty((0, 7))
-    except (OSError, ValueError) as error:
-        raise RecordError("the record cannot be read", where=str(path), found=str(error)) from error
+    """Read the log of an IMU, of any format that imports read; RecordError for words and for gaps in time.
+
+    ConfigurationError for a file that cannot be read or lacks a column.
+    """
+    table = read_table(path, ("time_s", *_COLUMNS))
+    if table.words:
+        name, word = next(iter(table.words.items()))
+        raise RecordError("the record is not one of numbers", where=f"{path}: {name}", found=word)
+    values = np.column_stack([table.columns[name] for name in ("time_s", *_COLUMNS)])
     if len(values) < 2:
         raise RecordError("the record is empty", where=str(path))
     steps = np.diff(values[:, 0])

@@ -102,15 +102,17 @@ def test_unreadable_records_are_named(tmp_path: Path) -> None:
     def refused(text: str, match: str) -> None:
         path = tmp_path / "bad.csv"
         path.write_text(text)
-        with pytest.raises(RecordError, match=match):
+        with pytest.raises((ConfigurationError, RecordError), match=match):
             read_increments(path)
 
-    refused("time_s,gyro_x_dps\n0,1\n", "columns are missing")
-    refused(f"{HEADER}\n", "empty")
+    refused("time_s,gyro_x_dps\n0,1\n", "no such column")
+    refused(f"{HEADER}\n", "cannot be read")
     refused(f"{HEADER}\n0,a,b,c,d,e,f\n", "cannot be read")
+    refused(f"{HEADER}\n0,0,0,0,0,0,9.8\n", "empty")
+    refused(f"{HEADER}\n0,0,0,0,0,0,9.8\n0.01,0,zz,0,0,0,9.8\n", "not one of numbers")
     rows = "".join(f"{time},0,0,0,0,0,9.8\n" for time in (0.00, 0.01, 0.02, 0.05, 0.06))
     refused(f"{HEADER}\n{rows}", "samples are missing")
-    with pytest.raises(RecordError, match="cannot be read"):
+    with pytest.raises(ConfigurationError, match="cannot be read"):
         read_increments(tmp_path / "none.csv")
 
 

@@ -93,7 +93,7 @@ def _print_figures(console: Terminal, title: str, figures: Sequence[Figure]) -> 
 
 def calibration(
     record: Annotated[
-        Path, Argument(help="run folder of system-calibration, or increments of the IMU (CSV)")
+        Path, Argument(help="run folder of system-calibration, or log of the IMU that import reads")
     ],
     scheme: Annotated[str | None, Option(help="scheme that was turned; a run says it itself")] = None,
     gyro: GyroToFit = None,
