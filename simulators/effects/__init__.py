@@ -27,7 +27,7 @@ from simulators.effects._effect import (
     Unit,
     Variant,
 )
-from simulators.effects._learned import FORMS, learned_shape
+from simulators.effects._learned import FORMS, LearnedForm, learned_shape
 from simulators.effects._stimulus import REFERENCE_C, Stimulus
 
 __all__ = [
@@ -51,6 +51,7 @@ __all__ = [
     "Finding",
     "Formula",
     "Input",
+    "LearnedForm",
     "NoiseEffect",
     "Parameter",
     "Record",

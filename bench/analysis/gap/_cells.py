@@ -171,6 +171,26 @@ def whitened_rows(
     return rows
 
 
+def repeatable_rows(
+    group: Group, filled_for: Noise, noise: Noise, floor: Array
+) -> Callable[[NDArray[Any]], Array]:
+    """Return what turns the first m coefficients of a group's runs (runs, k, m) into rows (k, parity runs, m).
+
+    They are whitened on the floor (bands,), the parity runs are those that repeats share.
+    """
+    n, period_s = len(group.flat[0].stimulus), group.flat[0].stimulus.period_s
+    _, repeatable, mix = mixing(group)
+    power = power_of(noise, n, period_s) * np.maximum(left_of_noise(group, filled_for, noise), 1.0)
+    sizes = [part.stop - part.start for part in band_slices(n, period_s)]
+    deviation = np.sqrt(power * np.repeat(floor, sizes))
+
+    def rows(coefficients: NDArray[Any]) -> Array:
+        mixed = np.tensordot(mix[np.array(repeatable)], coefficients, axes=1)
+        return np.asarray((mixed / deviation[: mixed.shape[2]]).transpose(1, 0, 2))
+
+    return rows
+
+
 def cells_in(group: Group) -> int:
     """Return how many cells a group has: bands by parity runs."""
     run = group.runs[0][0].stimulus

@@ -7,32 +7,35 @@ Forms join one after the other as long as the profiles left out come nearer and 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
 
-from bench.analysis.gap._cells import Cell, group_cells, rescaled
+from bench.analysis.gap._cells import repeatable_rows
 from bench.analysis.gap._data import GapRun
-from bench.analysis.gap._fit import solve
-from bench.analysis.gap._generic import INPUTS
+from bench.analysis.gap._fit import counts
+from bench.analysis.gap._learned_forms import Candidate, candidates_for, span_of
 from bench.analysis.gap._model_file import Model, Term
-from bench.analysis.gap._prepare import Prepared, with_columns
+from bench.analysis.gap._prepare import Prepared
+from bench.analysis.gap._stack import stacked
 from drivers.base.arrays import Array
-from simulators.effects import FORMS, REFERENCE_C, Input, Variant, learned_shape
+from simulators.effects import REFERENCE_C, Input
 
 _MOST_FORMS = 4
-_LOOSE = (1.0, 0.1, 0.01)
-"""Prior variance of a column's share in units of the whole gap: a freer and a stiffer fit."""
+_LOOSE = (3.0, 0.3, 0.03)
+"""Prior energy of a form in units of the whole gap: freer and stiffer fits."""
+_SCREENED = 6
+"""Forms that are fitted with every prior; they are those that do best with a middling one."""
 _LEAST_GAIN = 0.03
 """Part of the gap that a further form must take away, and may add to a profile."""
+_LEAST_ENERGY = 12.0
 _HARDLY = 0.1
 """Part of a form's largest column from which one is shrunk as if it were larger."""
 _LEAST_SHARE = 0.2
 """Part of the gap, over the profiles left out, from which a learned term is offered."""
 _SURE = 3.0
-_TURNING_DPS = 1.0
 
 
 @dataclass(frozen=True)
@@ -52,28 +55,21 @@ class Learned:
     reason: str = ""
 
 
+@dataclass(frozen=True)
+class _Fitted:
+    """A form as it is to be fitted: which candidate, which of its priors, and how much it may do."""
+
+    place: int
+    prior: int
+    loose: float
+
+
 def learned(data: Prepared, model: Model, named: Sequence[Term]) -> Learned:
     """Learn what a model with `named` effects leaves of the runs, the model's own parameters fitted beside."""
-    runs = [run for group in data.groups for run in group.flat]
-    forms = _forms(runs)
-    problem = _Problem.of(data, model, named, forms)
+    problem = _Problem(data, model, named)
     if len(problem.profiles) < 2:
         return Learned(reason="one profile only: nothing could be judged on another")
-    chosen: list[int] = []
-    loose, gone = _LOOSE[0], problem.gone_left_out([], _LOOSE[0])
-    while len(chosen) < _MOST_FORMS:
-        tried = {
-            (form, scale): problem.gone_left_out([*chosen, form], scale)
-            for form in range(len(forms))
-            if form not in chosen
-            for scale in _LOOSE
-        }
-        best = max(tried, key=lambda key: float(tried[key].sum()))
-        gain = tried[best] - gone
-        least = max(_LEAST_GAIN * float(problem.gap.sum()), 12.0)
-        if gain.sum() < least or (gain < -np.maximum(_LEAST_GAIN * problem.gap.sum(), problem.noise)).any():
-            break
-        chosen, loose, gone = [*chosen, best[0]], best[1], tried[best]
+    chosen, gone = _chosen(problem)
     clear = problem.gap > problem.noise
     whole = float(problem.gap[clear].sum())
     share = float(gone[clear].sum()) / whole if whole else 0.0
@@ -87,175 +83,189 @@ def learned(data: Prepared, model: Model, named: Sequence[Term]) -> Learned:
             by_profile=shares if chosen else {},
             reason="no form that was learned on the other profiles took away what a profile left out shows",
         )
-    values, sigmas, nominal = problem.fitted(chosen, loose)
-    terms, at = [], 0
-    for form in chosen:
-        count = len(forms[form].effect.parameters)
-        own = slice(at, at + count)
-        terms.append(Term(forms[form], tuple(values[own].tolist()), tuple(sigmas[own].tolist())))
-        at += count
-    return Learned(tuple(terms), model.moved(nominal, model.sigmas).terms, share, shares, _ranges(runs))
+    values, nominal = problem.fitted(chosen)
+    terms = tuple(
+        Term(problem.candidates[one.place].variant, tuple(at.tolist()), tuple(sigmas.tolist()))
+        for one, (at, sigmas) in zip(chosen, values, strict=True)
+    )
+    runs = [run for group in data.groups for run in group.flat]
+    return Learned(terms, model.moved(nominal, model.sigmas).terms, share, shares, _ranges(runs))
 
 
-@dataclass(frozen=True)
+def _chosen(problem: _Problem) -> tuple[list[_Fitted], Array]:
+    """Return the forms that profiles left out ask for, and the energy gone from each of these, (profiles,)."""
+    chosen: list[_Fitted] = []
+    gone = np.zeros(len(problem.profiles))
+    whole = float(problem.gap.sum())
+    while len(chosen) < _MOST_FORMS:
+        free = [k for k in range(len(problem.candidates)) if all(one.place != k for one in chosen)]
+        first = {
+            k: float(
+                problem.gone_left_out([*chosen, _Fitted(k, len(problem.roots(k)) // 2, _LOOSE[1])]).sum()
+            )
+            for k in free
+        }
+        tried = {
+            one: problem.gone_left_out([*chosen, one])
+            for k in sorted(free, key=lambda k: -first[k])[:_SCREENED]
+            for prior in range(len(problem.roots(k)))
+            for one in (_Fitted(k, prior, loose) for loose in _LOOSE)
+        }
+        if not tried:
+            break
+        best = max(tried, key=lambda one: float(tried[one].sum()))
+        gain = tried[best] - gone
+        least = max(_LEAST_GAIN * whole, _LEAST_ENERGY)
+        if gain.sum() < least or (gain < -np.maximum(_LEAST_GAIN * whole, problem.noise)).any():
+            break
+        if chosen and (gain > least).sum() < 2:  # a profile always has some form that suits it alone
+            break
+        chosen, gone = [*chosen, best], tried[best]
+    return chosen, gone
+
+
 class _Problem:
-    """Products of [rest, nominal columns, forms' columns] by profile, (profiles, m, m); what is to be closed."""
+    """What is to be closed in the repeatable part of each profile, and candidates for it, as whitened rows.
 
-    profiles: tuple[str, ...]
-    grams: Array
-    sigmas: Array
-    columns: tuple[tuple[int, ...], ...]
-    before: Array
-    gap: Array
-    noise: Array
+    `before` and `gap` (profiles,) are the energies that the nominal model leaves and that above the noise;
+    `noise` is what noise may make of the latter.
+    """
 
-    @classmethod
-    def of(cls, data: Prepared, model: Model, named: Sequence[Term], forms: Sequence[Variant]) -> _Problem:
-        """Return the products of all repeatable cells; the named effects are taken out with their values."""
-        q, k = len(model.sigmas), sum(len(term.values) for term in named)
-        fresh = [*(term.variant for term in named), *forms]
-        cells: list[Cell] = []
-        for group, stack in zip(data.groups, with_columns(data, range(1 + q), fresh), strict=True):
-            cells += group_cells(group, stack, data.noise.noise)
-        cells = [cell for cell in rescaled(cells, data.floor.ratio) if cell.repeatable]
-        size = cells[0].columns
-        kept = np.array([*range(1 + q), *range(1 + q + k, size)])
-        rest = np.zeros((len(kept), size))
-        rest[np.arange(len(kept)), kept] = 1.0
-        rest[0, 1 + q : 1 + q + k] = [-value for term in named for value in term.values]
-        profiles = tuple(dict.fromkeys(cell.profile for cell in cells))
-        grams = np.zeros((len(profiles), size, size))
-        counts, sigma = np.zeros(len(profiles)), np.zeros(len(profiles))
-        for cell in cells:
-            at = profiles.index(cell.profile)
-            grams[at][np.ix_(cell.at, cell.at)] += cell.block
-            counts[at] += cell.count
-            sigma[at] += (cell.count * float(data.floor.sigma[cell.band])) ** 2 + 2.0 * cell.count
-        reduced = rest @ grams @ rest.T
-        starts = np.cumsum([1 + q, *(len(form.effect.parameters) for form in forms)])
-        columns = tuple(tuple(range(a, b)) for a, b in pairwise(starts.tolist()))
-        nominal = solve(reduced.sum(axis=0), model.sigmas, ()).values
-        weights = np.concatenate(([1.0], -nominal, np.zeros(len(kept) - 1 - q)))
-        before = np.einsum("i,gij,j->g", weights, reduced, weights)
-        gap = np.maximum(before - counts, 0.0)
-        return cls(profiles, reduced, model.sigmas, columns, before, gap, _SURE * np.sqrt(sigma))
+    def __init__(self, data: Prepared, model: Model, named: Sequence[Term]) -> None:
+        runs = [run for group in data.groups for run in group.flat]
+        self.candidates = candidates_for(runs)
+        self.profiles = tuple(dict.fromkeys(group.profile for group in data.groups))
+        self.sigmas = model.sigmas
+        q = len(model.sigmas)
+        self._rows: list[list[Array]] = [[] for _ in range(1 + len(self.candidates))]
+        self._profile_of = [self.profiles.index(group.profile) for group in data.groups]
+        for group, stack in zip(data.groups, data.stacks, strict=True):
+            rows = repeatable_rows(group, stack.filled_for, data.noise.noise, data.floor.ratio)
+            own = stack.chosen(range(1 + q))
+            if named:
+                done = stacked(group.flat, lambda run: [_done(named, run)], [False], stack.filled_for)
+                own[:, 0] -= done.full[:, 0]
+            self._rows[0].append(rows(own))
+            for place, candidate in enumerate(self.candidates, 1):
+                fresh = stacked(group.flat, _columns_of(candidate), [candidate.slow], stack.filled_for)
+                self._rows[place].append(
+                    rows(fresh.slow if candidate.slow else fresh.full).astype(np.float32)
+                )
+        self._products: dict[tuple[int, int], Array] = {}
+        self._scaled: dict[int, list[Array]] = {}
+        nominal = self._product(0, 0)
+        weights = np.append(1.0, -self._nominal(nominal.sum(axis=0)[:, 0]))
+        self.before = np.asarray(nominal @ weights @ weights)
+        cells = [cell for cell in data.cells if cell.repeatable]
+        number, sigma = np.zeros(len(self.profiles)), np.zeros(len(self.profiles))
+        at = [self.profiles.index(cell.profile) for cell in cells]
+        np.add.at(number, at, counts(cells))
+        of_floor = counts(cells) * data.floor.sigma[[cell.band for cell in cells]]
+        np.add.at(sigma, at, of_floor**2 + 2.0 * counts(cells))
+        self.gap = np.maximum(self.before - number, 0.0)
+        self.noise = _SURE * np.sqrt(sigma)
 
-    def gone_left_out(self, forms: Sequence[int], loose: float) -> Array:
+    def roots(self, place: int) -> list[Array]:
+        """Return a candidate's priors by their roots (k, m), of energy one over all profiles."""
+        if place not in self._scaled:
+            gram = self._product(1 + place, 1 + place).sum(axis=0)
+            priors = self.candidates[place].priors
+            if not priors:
+                size = np.sqrt(np.maximum(np.diag(gram), 1e-30))
+                # where a form hardly shows, it is not far larger than where it does
+                priors = (np.diag(1.0 / np.maximum(size, _HARDLY * size.max())),)
+            energies = [float(np.einsum("ij,ij->", root, gram @ root)) for root in priors]
+            self._scaled[place] = [
+                root / math.sqrt(max(energy, 1e-30)) for root, energy in zip(priors, energies, strict=True)
+            ]
+        return self._scaled[place]
+
+    def gone_left_out(self, forms: Sequence[_Fitted]) -> Array:
         """Return the energy gone from every profile with the forms fitted to the others, (profiles,)."""
-        if not forms:
-            return np.zeros(len(self.profiles))
-        whole = self.grams.sum(axis=0)
-        result = []
-        for place, gram in enumerate(self.grams):
-            values, _ = self._ridge(whole - gram, forms, loose)
-            weights = self._weights(values, forms, whole)
-            result.append(float(self.before[place] - weights @ gram @ weights))
-        return np.array(result)
+        system = self._system(forms)
+        whole, q = system.sum(axis=0), len(self.sigmas)
+        normal, right = (whole - system)[:, 1:, 1:] + self._prior(len(whole) - 1), (whole - system)[:, 1:, :1]
+        weights = np.zeros((len(system), len(whole)))
+        weights[:, 0] = 1.0
+        weights[:, 1 + q :] = -np.linalg.solve(normal, right)[:, q:, 0]
+        # the nominal parameters are fitted to all profiles beside what the others say of the forms
+        weights[:, 1 : 1 + q] = -np.stack([self._nominal(own) for own in weights @ whole[:, : 1 + q]])
+        return np.asarray(self.before - np.einsum("pi,pij,pj->p", weights, system, weights))
 
-    def fitted(self, forms: Sequence[int], loose: float) -> tuple[Array, Array, Array]:
-        """Return the forms' parameters, their sigmas and the nominal ones' change, fitted to all profiles."""
-        whole = self.grams.sum(axis=0)
-        values, sigmas = self._ridge(whole, forms, loose)
-        return values, sigmas, -self._weights(values, forms, whole)[1 : 1 + len(self.sigmas)]
+    def fitted(self, forms: Sequence[_Fitted]) -> tuple[list[tuple[Array, Array]], Array]:
+        """Return each form's values and sigmas, and the nominal ones' change, fitted to all profiles."""
+        system, q = self._system(forms).sum(axis=0), len(self.sigmas)
+        inverse = np.linalg.inv(system[1:, 1:] + self._prior(len(system) - 1))
+        scores, result, at = inverse @ system[1:, 0], [], q
+        for one in forms:
+            root = math.sqrt(self._energy(one)) * self.roots(one.place)[one.prior]
+            basis = self.candidates[one.place].basis
+            values = root if basis is None else basis @ root
+            own = slice(at, at + root.shape[1])
+            variances = np.einsum("ij,jk,ik->i", values, inverse[own, own], values)
+            result.append((values @ scores[own], np.sqrt(np.maximum(variances, 0.0))))
+            at += root.shape[1]
+        weights = np.concatenate(([1.0], np.zeros(q), -scores[q:]))
+        return result, self._nominal((system @ weights)[: 1 + q])
 
-    def _ridge(self, gram: Array, forms: Sequence[int], loose: float) -> tuple[Array, Array]:
-        q = len(self.sigmas)
-        own = [column for form in forms for column in self.columns[form]]
-        at = np.array([*range(1, 1 + q), *own])
-        size = np.sqrt(np.maximum(np.diag(self.grams.sum(axis=0))[at], 1e-30))
-        normal = gram[np.ix_(at, at)] / np.outer(size, size)
-        # where a form hardly shows, it is not far larger than where it does
-        largest = [size[q:][np.isin(own, self.columns[form])].max() for form in forms]
-        most = np.repeat(largest, [len(self.columns[form]) for form in forms])
-        unseen = np.concatenate((np.ones(q), np.maximum(_HARDLY * most / size[q:], 1.0)))
-        prior = unseen**2 / (loose * max(float(self.gap.sum()), 1.0))
-        prior[:q] = 1.0 / (self.sigmas * size[:q]) ** 2
-        normal[np.arange(len(at)), np.arange(len(at))] += prior + 1e-12
-        inverse = np.linalg.inv(normal)
-        values = inverse @ (gram[at, 0] / size) / size
-        return values[q:], (np.sqrt(np.diag(inverse)) / size)[q:]
+    def _energy(self, one: _Fitted) -> float:
+        return one.loose * max(float(self.gap.sum()), 1.0)
 
-    def _weights(self, values: Array, forms: Sequence[int], whole: Array) -> Array:
-        """Return the weights of what is left with the forms' values, the nominal parameters fitted to all."""
-        q = len(self.sigmas)
-        own = [column for form in forms for column in self.columns[form]]
-        weights = np.zeros(len(whole))
-        weights[0] = 1.0
-        weights[own] = -values
-        nominal = np.arange(1, 1 + q)
-        normal = whole[np.ix_(nominal, nominal)] + np.diag(1.0 / self.sigmas**2)
-        weights[nominal] = -np.linalg.solve(normal, whole[nominal] @ weights) if q else 0.0
-        return weights
+    def _prior(self, size: int) -> Array:
+        """Return the prior's part of the normal equations, the nominal parameters first, (size, size)."""
+        return np.diag(np.concatenate((1.0 / self.sigmas**2, np.ones(size - len(self.sigmas)))))
 
+    def _nominal(self, across: Array) -> Array:
+        """Return the nominal parameters from their products with what is to be explained, (1 + q,) -> (q,)."""
+        nominal = self._product(0, 0).sum(axis=0)[1:, 1:] + np.diag(1.0 / self.sigmas**2)
+        return np.asarray(np.linalg.solve(nominal, across[1:])) if len(nominal) else np.zeros(0)
 
-def _forms(runs: Sequence[GapRun]) -> list[Variant]:
-    """Return the learned forms over what changes in these runs, with nodes, lags and orders that suit them."""
-    spans = {over: _span(runs, over) for over in INPUTS}
-    seen = {over for over, (low, high) in spans.items() if high - low >= INPUTS[over].least_span}
-    rates = np.concatenate([run.stimulus.axis_rate_dps for run in runs])
-    turning = float(np.abs(rates).max()) > _TURNING_DPS
-    settling_s = (100.0, 300.0, 1000.0, 3000.0, 10000.0)
-    shapes: dict[str, Sequence[float]] = {"time since power-on": settling_s}
+    def _system(self, forms: Sequence[_Fitted]) -> Array:
+        """Return the products of [data, nominal columns, the forms' priors] by profile, (profiles, m, m)."""
+        roots = [np.eye(1 + len(self.sigmas))]
+        roots += [math.sqrt(self._energy(one)) * self.roots(one.place)[one.prior] for one in forms]
+        places = [0, *(1 + one.place for one in forms)]
+        return np.block(
+            [
+                [left.T @ self._product(a, b) @ right for b, right in zip(places, roots, strict=True)]
+                for a, left in zip(places, roots, strict=True)
+            ]
+        )
 
-    def nodes(over: Input, count: int) -> list[float]:
-        low, high = spans[over]
-        return [float(node) for node in np.linspace(low, high, count)]
-
-    if Input.T_IN in seen:
-        lags = (60.0, 200.0, 600.0, 2000.0, 6000.0)
-        shapes |= {
-            "bias over T_in": nodes(Input.T_IN, 30),
-            "bias over late T_in": nodes(Input.T_IN, 30),
-            "memory of T_in": lags,
-            "loops of T_in": (2.0, 5.0, 10.0, 20.0, 35.0),
-            "memory of temperature changes": (60.0, 200.0, 600.0, 2000.0),
-        }
-        if turning:
-            shapes |= {"scale factor over T_in": nodes(Input.T_IN, 9), "scale factor's memory of T_in": lags}
-    if Input.T_OUT in seen and Input.GRADIENT in seen:
-        shapes |= {
-            "bias over T_out": nodes(Input.T_OUT, 12),
-            "memory of T_out": (60.0, 200.0, 600.0, 2000.0, 6000.0),
-        }
-    if Input.WARMING in seen:
-        shapes |= {"bias over dT_in/dt": nodes(Input.WARMING, 9)}
-    if Input.GRADIENT in seen:
-        shapes |= {"bias over T_in - T_out": nodes(Input.GRADIENT, 9)}
-    if turning:
-        shapes |= {
-            "bias over rate": _levels(rates),
-            "scale factor since power-on": settling_s,
-            "rate over table angle": [order for order in range(1, 37) for _ in "cs"],
-            "heat of turning": (30.0, 100.0, 300.0, 1000.0),
-            "answer to changes of rate": tuple(float(delay) for delay in range(12)),
-        }
-    angles = [run.stimulus.angle_deg for run in runs]
-    if turning or max(float(np.ptp(angle)) for angle in angles) > 1.0:
-        shapes |= {"bias over table angle": [order for order in range(1, 7) for _ in "cs"]}
-    if any(np.ptp(run.stimulus.elevation_deg) > 1.0 for run in runs):
-        shapes |= {"bias over direction": (0.0, 1.0, 2.0, 3.0)}
-    result = []
-    for name, at in shapes.items():
-        shape = learned_shape(at)
-        result.append(Variant(FORMS[name].effect(shape), shape))
-    return result
+    def _product(self, one: int, other: int) -> Array:
+        """Return the products of two candidates' rows by profile; 0: the data and the nominal columns."""
+        if (other, one) in self._products:
+            return np.asarray(self._products[other, one].transpose(0, 2, 1))
+        if (one, other) not in self._products:
+            size = (len(self.profiles), len(self._rows[one][0]), len(self._rows[other][0]))
+            total = np.zeros(size)
+            for at, left, right in zip(self._profile_of, self._rows[one], self._rows[other], strict=True):
+                m = min(left.shape[2], right.shape[2])
+                rows = (np.float64(own[:, :, :m]).reshape(len(own), -1) for own in (left, right))
+                total[at] += np.matmul(next(rows), next(rows).T)
+            self._products[one, other] = total
+        return self._products[one, other]
 
 
-def _span(runs: Sequence[GapRun], over: Input) -> tuple[float, float]:
-    values = [INPUTS[over].values(run.stimulus) for run in runs]
-    return min(float(value.min()) for value in values), max(float(value.max()) for value in values)
+def _done(terms: Sequence[Term], run: GapRun) -> Array:
+    """Return what terms do in a run, (1, n)."""
+    parts = [np.array([term.values]) @ term.variant.columns(run.stimulus) for term in terms]
+    return np.asarray(np.sum(parts, axis=0))
 
 
-def _levels(rates_dps: Array) -> list[float]:
-    """Return nodes over the rate, close about zero, out to the highest on both sides."""
-    most = float(np.abs(rates_dps).max())
-    side = [most * part for part in (0.005, 0.02, 0.06, 0.15, 0.3, 0.5, 0.7, 0.85, 1.0)]
-    return [*(-rate for rate in reversed(side)), 0.0, *side]
+def _columns_of(candidate: Candidate) -> Callable[[GapRun], list[Array]]:
+    """Return what gives a candidate's columns in its basis, (k, n)."""
+
+    def columns(run: GapRun) -> list[Array]:
+        whole = candidate.variant.columns(run.stimulus)
+        return [whole if candidate.basis is None else candidate.basis.T @ whole]
+
+    return columns
 
 
 def _ranges(runs: Sequence[GapRun]) -> dict[str, tuple[float, float]]:
-    low, high = _span(runs, Input.T_IN)
-    slow, fast = _span(runs, Input.WARMING)
+    low, high = span_of(runs, Input.T_IN)
+    slow, fast = span_of(runs, Input.WARMING)
     rates = np.concatenate([run.stimulus.axis_rate_dps for run in runs])
     return {
         "T_in, degC": (low + REFERENCE_C, high + REFERENCE_C),

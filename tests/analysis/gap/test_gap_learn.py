@@ -7,7 +7,7 @@ import pytest
 
 from bench.analysis.gap import Model, closed_model, diagnose, model_text, parse_model
 from bench.analysis.gap._data import GapRun
-from simulators.effects import FORMS, PPM, Variant, learned_shape
+from simulators.effects import FORMS, PPM, Stimulus, Variant, learned_shape
 from tests.analysis.gap.conftest import made_run, stimulus
 
 PROFILES = {"short": 4000, "long": 7000, "longer": 9000}
@@ -100,16 +100,62 @@ def test_a_cause_that_held_out_runs_do_not_show_is_not_named(nominal: Model) -> 
     assert any("held-out" in text for text in found.warnings)
 
 
+def _frost(s: object, profile: str, repeat: int) -> np.ndarray:
+    """Frost dries off while the gyro warms through some kelvins: one temperature alone does not say so."""
+    warm_k, warming = s.warm_k, s.warming_k_per_min  # type: ignore[attr-defined]
+    return np.asarray(3.0 * np.exp(-0.5 * ((warm_k + 20.0) / 5.0) ** 2) * np.tanh(warming / 0.3))
+
+
+def _stretched(s: object, profile: str, repeat: int) -> np.ndarray:
+    """Damage by the speed of change, whichever way, some minutes late."""
+    late = s.lagged(s.warming_k_per_min, 90.0)  # type: ignore[attr-defined]
+    return np.asarray(2.0 * np.sqrt(np.abs(late) + 0.01))
+
+
+@pytest.mark.parametrize("hidden", [_frost, _stretched])
+def test_what_two_inputs_do_together_or_late_is_closed_on_a_profile_that_no_fit_saw(
+    hidden: object, nominal: Model
+) -> None:
+    found = diagnose(_runs(np.random.default_rng(7), hidden), nominal)
+    learned = found.rate.learned
+    assert learned is not None
+    assert learned.terms
+    closed = closed_model(found)
+    s = stimulus(12000)
+    true = hidden(s, "", 0)  # type: ignore[operator]
+    left = true - (closed.predict(s) - found.model.predict(s))
+    assert np.std(left) < 0.5 * np.std(true)
+
+
+def test_the_response_to_changes_of_rate_is_what_a_hat_about_each_delay_makes_of_them() -> None:
+    """Against the sum over the rate's own steps: a hat of half width 4 s about 0, 4, 8 and 12 s."""
+    n, period_s = 200, 0.5
+    rate = np.repeat([0.0, 6.0, -2.0, 0.0], 50)
+    angle = np.concatenate(([0.0], np.cumsum(rate * period_s)))
+    room = np.full(n, 25.0)
+    s = Stimulus(period_s * np.arange(1, n + 1), room, room, angle, np.full(n, 90.0), 45.0, period_s)
+    delays = (0.0, 4.0, 8.0, 12.0)
+    shape = learned_shape(delays)
+    columns = FORMS["response to changes of rate"].effect(shape).columns(s, shape)
+    fine_s = (np.arange(20 * n) + 0.5) * period_s / 20.0
+    for delay, column in zip(delays, columns, strict=True):
+        steps = ((25.0, 6.0), (50.0, -8.0), (75.0, 2.0))
+        hats = [step * np.maximum(1.0 - np.abs(fine_s - at - delay) / 4.0, 0.0) for at, step in steps]
+        assert column == pytest.approx(np.sum(hats, axis=0).reshape(n, 20).mean(axis=1), abs=0.02)
+
+
 SHAPES = {
-    "bias over T_in": (-70.0, -50.0, -30.0, -10.0, 5.0),
-    "bias over late T_in": (-70.0, -40.0, -20.0, 5.0),
-    "bias over T_out": (-70.0, -40.0, 5.0),
-    "memory of T_in": (200.0, 600.0, 2000.0),
-    "memory of T_out": (200.0, 2000.0),
-    "loops of T_in": (5.0, 20.0),
-    "scale factor over T_in": (-70.0, -30.0, 5.0),
-    "scale factor's memory of T_in": (600.0,),
-    "time since power-on": (300.0, 3000.0),
+    "bias over T_in": learned_shape((-70.0, -50.0, -30.0, -10.0, 5.0)),
+    "bias over late T_in": learned_shape((-70.0, -40.0, -20.0, 5.0)),
+    "bias over T_out": learned_shape((-70.0, -40.0, 5.0), late_s=300.0),
+    "bias over T_in and dT_in/dt": learned_shape((-70.0, -30.0, 5.0), (-3.0, -1.0, 0.0, 2.0), 200.0),
+    "memory of T_in": learned_shape((200.0, 600.0, 2000.0)),
+    "memory of T_out": learned_shape((200.0, 2000.0)),
+    "loops of T_in": learned_shape((5.0, 20.0)),
+    "scale factor over T_in": learned_shape((-70.0, -30.0, 5.0)),
+    "scale factor over T_in - T_out": learned_shape((-10.0, 0.0, 10.0)),
+    "scale factor's memory of T_in": learned_shape((600.0,)),
+    "time since power-on": learned_shape((300.0, 3000.0)),
 }
 
 
@@ -117,7 +163,7 @@ SHAPES = {
 def test_a_plant_executes_a_learned_form_as_the_diagnosis_does(name: str) -> None:
     """By the second, knowing the past only, within the smoothing of a minute that the diagnosis has beside."""
     s = stimulus(9000)
-    shape = learned_shape(SHAPES[name])
+    shape = SHAPES[name]
     variant = Variant(FORMS[name].effect(shape), shape)
     values = [1.0 + 0.5 * number for number in range(len(variant.effect.parameters))]
     step = variant.stepper(values)
