@@ -19,7 +19,6 @@ _GO_AND_LOOK = (
 )
 MANUAL = "manual"
 """The procedure that asks for orders: its question is answered by buttons of its own."""
-_NEXT = "Then resume the campaign, or start the run anew."
 
 
 @dataclass(frozen=True)
@@ -62,13 +61,15 @@ NOT_HERE = Banner(
 )
 
 
-def nothing_yet(folder: str, there: bool, queue: bool) -> Banner:
-    """Return the banner of a runs folder without sessions; `queue`: whether runs can be started from here."""
+def nothing_yet(folder: str, there: bool, queue: bool, bench: str = "") -> Banner:
+    """Return the banner of a runs folder, or a bench, without sessions; `queue`: whether runs can be started."""
     press = f"`gyrobench run PROCEDURE --runs {folder}` begins one: this page then shows it by itself."
     return Banner(
         "plain",
         "Idle",
-        f"No run has begun in {folder} so far." if there else f"There is no folder {folder} yet.",
+        f"No run has begun {f'on {bench}, ' if bench else ''}in {folder} so far."
+        if there
+        else f"There is no folder {folder} yet.",
         press="Queue, above: choose what to run. This page then shows it by itself." if queue else press,
     )
 
@@ -156,17 +157,21 @@ def _gone(found: Situation) -> Banner:
     happened = (
         "The process that drives the bench has ended without a word: killed, crashed, or the power went."
     )
+    campaign = bool((found.now or {}).get("campaign"))
+    after = (
+        f"When the cause is clear: {'go on with the campaign' if campaign else 'start the run anew'} (Queue)."
+    )
     begun = next((event for event in found.watchdog if isinstance(event, Takeover)), None)
     ended = next((event for event in found.watchdog if isinstance(event, TakeoverEnded)), None)
     told = _told(found.safe)
     if begun is None:
         if found.safe and all(device.confirmed for device in found.safe):
-            return Banner("bad", "Process gone", happened, told, f"Nothing is urgent. {_NEXT}")
+            return Banner("bad", "Process gone", happened, told, f"Nothing is urgent. {after}")
         if found.emulated:
             done = "The lab is emulated: nothing real moves."
-            return Banner("bad", "Process gone", happened, done, f"Nothing is urgent. {_NEXT}")
+            return Banner("bad", "Process gone", happened, done, f"Nothing is urgent. {after}")
         done = told or "No watchdog has said anything: nobody has confirmed that table and chamber are safe."
-        return Banner("bad", "Process gone", happened, done, f"Go and look at table and chamber. {_NEXT}")
+        return Banner("bad", "Process gone", happened, done, f"Go and look at table and chamber. {after}")
     took = f"The watchdog took over at {begun.utc[11:19]} UTC ({begun})"
     if ended is None:
         going = f"{took} and is stopping table and chamber" + (f": {told}" if told else ".")
@@ -177,8 +182,8 @@ def _gone(found: Situation) -> Banner:
             press = _GO_AND_LOOK
         return Banner("bad", "Watchdog at work", happened, going, press)
     if not ended.confirmed:
-        return Banner("bad", "Not confirmed safe", happened, f"{took}; {told}", f"{_GO_AND_LOOK} {_NEXT}")
-    press = f"Nothing is urgent: table and chamber have read back that they rest. {_NEXT}"
+        return Banner("bad", "Not confirmed safe", happened, f"{took}; {told}", f"{_GO_AND_LOOK} {after}")
+    press = f"Nothing is urgent: table and chamber have read back that they rest. {after}"
     return Banner("bad", "Stopped by the watchdog", happened, f"{took}; {told}", press)
 
 

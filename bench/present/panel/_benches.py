@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from bench.present.panel._folders import RunsFolder
+from bench.present.panel._folders import QueueLink, RunsFolder
 from bench.present.panel._session import Session
 from bench.present.panel._texts import ago
 from drivers.base.clock import host_seconds
@@ -66,20 +66,59 @@ class Benches:
         self.version += 1
         return count
 
+    def foremost(self, bench: str = "") -> Session | None:
+        """Return the session that a page shows which asks for none, or for a bench: what needs somebody, else the
+        newest.
+        """
+        there = [one for group in self._groups().values() for one in self._shown(group)]
+        there = [one for one in there if not bench or one.bench == bench]
+        there.sort(key=self.sessions.index)
+        there.sort(key=lambda one: (not one.needs_somebody, not one.alive))
+        return next(iter(there), None)
+
+    def waits_to_be_seen(self, path: Path) -> bool:
+        """Return whether that session is the newest of its bench and ended badly, unseen: pages stay with it."""
+        there = [one for group in self._groups().values() for one in self._shown(group)]
+        return any(one.path == path and one.needs_somebody for one in there)
+
+    def link(self, session: Session) -> str:
+        """Return the address of the page that follows a session's bench, from session to session.
+
+        Of the session itself where its bench has no name, or another session of that name goes on.
+        """
+        others = [one for one in self.sessions if one.bench == session.bench and one.path != session.path]
+        if session.bench and not any(one.alive or one.problem for one in others) and not session.problem:
+            return f"/?bench={quote(session.bench, safe='')}"
+        return f"/?session={quote(session.name, safe='')}"
+
     def strip(self) -> list[dict[str, Any]]:
         """Return what a page shows of each bench: every session that goes on, else the newest one."""
         if self._strip[0] != self.version:
             self._strip = (self.version, self._made())
         return self._strip[1]
 
-    def _made(self) -> list[dict[str, Any]]:
+    def _groups(self) -> dict[tuple[str, bool], list[Session]]:
+        """Return the sessions of each bench, newest first."""
         groups: dict[tuple[str, bool], list[Session]] = {}
         for session in self.sessions:
             groups.setdefault(_bench(session), []).append(session)
-        return [entry for _, group in sorted(groups.items()) for entry in self._entries(group)]
+        return groups
+
+    @staticmethod
+    def _shown(group: list[Session]) -> list[Session]:
+        """Return which of a bench's sessions say how it is: those that go on, else the newest."""
+        return [one for one in group if one.alive or one.problem] or group[:1]
+
+    def _made(self) -> list[dict[str, Any]]:
+        entries = {bench: self._entries(group) for bench, group in self._groups().items()}
+        names = {entry["name"] for shown in entries.values() for entry in shown}
+        for name, queue in self._folder.queues.items():
+            if name not in names:
+                entries[name, queue.emulated] = [_idle(name, queue)]
+        return [entry for _, shown in sorted(entries.items()) for entry in shown]
 
     def _entries(self, group: list[Session]) -> list[dict[str, Any]]:
-        shown = [one for one in group if one.alive or one.problem] or group[:1]
+        shown = self._shown(group)
         alarms = sum(len(one.unseen()) for one in group)
         entries = []
         for session in shown:
@@ -88,16 +127,27 @@ class Benches:
             entries.append(
                 {
                     "name": session.bench or session.name,
-                    "link": f"/?session={quote(session.name, safe='')}",
+                    "link": self.link(session),
                     "session": session.name,
                     "word": head.word,
                     "tone": "plain" if seen else head.tone,
                     "what": session.title() + ("" if session.alive else f", {ago(session.age_s)} ago"),
+                    "queue": self._waits(session),
                     "emulated": session.emulated,
                     "alarms": alarms if session is shown[0] else len(session.unseen()),
                 }
             )
         return entries
+
+    def _waits(self, session: Session) -> str:
+        queue = self._folder.queues.get(session.bench)
+        return queue.waits if queue is not None and queue.emulated == session.emulated else ""
+
+
+def _idle(name: str, queue: QueueLink) -> dict[str, Any]:
+    """Return a bench on which nothing has run yet."""
+    idle = {"session": "", "word": "Idle", "tone": "plain", "what": "no run yet", "alarms": 0}
+    return idle | {"name": name, "link": queue.address, "queue": queue.waits, "emulated": queue.emulated}
 
 
 def _bench(session: Session) -> tuple[str, bool]:

@@ -43,11 +43,29 @@ class Desk:
         self.queue = queue
         self.campaigns = campaigns
         self._benches = benches
+        self._emulated = 0, False
 
     @property
     def file(self) -> BenchFile:
         """The bench file as it is now; ConfigurationError if it has become unusable."""
         return load_bench_file(self.queue.bench_file)
+
+    @property
+    def address(self) -> str:
+        """The address of its page."""
+        return f"/queue/{self.queue.name}"
+
+    @property
+    def emulated(self) -> bool:
+        """Whether nothing real moves; not so of a file that has become unusable."""
+        try:
+            changed_ns = self.queue.bench_file.stat().st_mtime_ns
+            if self._emulated[0] != changed_ns:
+                bench = self.file.bench
+                self._emulated = changed_ns, bool(bench.emulated or bench.clock)
+        except (BenchError, OSError):
+            return False
+        return self._emulated[1]
 
     def view(self) -> dict[str, Any]:
         """Return the queue for its page; times are UTC, the browser shows them in its own zone."""
@@ -67,7 +85,6 @@ class Desk:
         holder = None if current is not None else lease_holder(file)
         return {
             "bench": self.queue.bench,
-            "benches": self._benches.strip(),
             "held": None if state.held is None else HELD[state.held.why].format(by=state.held.by),
             "used": "" if holder is None else str(holder),
             "current": None if current is None else self._item(current) | self._live(current),
@@ -193,7 +210,7 @@ class Desk:
 
     def _item(self, item: Item) -> dict[str, Any]:
         order = item.order
-        back, detail = f"/queue/{self.queue.name}?", ""
+        back, detail = f"{self.address}?", ""
         if isinstance(order, RunOrder):
             title, again = order.procedure, {"procedure": order.procedure, "item": item.id}
             with suppress(ConfigurationError):  # a procedure that is not installed any more
@@ -225,7 +242,7 @@ class Desk:
         session = next((one for one in self._benches.sessions if (one.now or {}).get("pid") == pid), None)
         return {
             "started": None if started is None else _utc(started.utc),
-            "link": "" if session is None else f"/?session={quote(session.name, safe='')}",
+            "link": "" if session is None else self._benches.link(session),
             "word": "starting" if session is None else session.banner().word,
         }
 

@@ -5,50 +5,39 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 from datetime import datetime
-from functools import cache
-from pathlib import Path
 from typing import Any, cast
 
 from fastapi import Request
-from fastapi.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from fastapi.responses import JSONResponse, RedirectResponse, Response
 
 from bench.campaign.queue import BenchQueue, CampaignOrder, Order, Preset, Presets, QueueState, RunOrder
 from bench.control.operators import Signature
 from bench.control.procedure import find_procedure, load_procedures
 from bench.present.panel._access import visit_of
 from bench.present.panel._desk import Desk, repeated, resume_order
-from bench.present.panel._folders import RunsFolder
+from bench.present.panel._folders import QueueLink, RunsFolder
 from bench.present.panel._forms import Mistakes, fields, order_of
+from bench.present.panel._frame import Frame
 from bench.present.panel._rehearse import Rehearsals
+from bench.present.panel._words import waiting_words
 from bench.record.recording import read_manifest
 from drivers.base.clock import host_seconds
 from drivers.base.errors import BenchError, ConfigurationError
 
-HERE = Path(__file__).parent
 _VIEW_S = 0.5
-PAGE_HEADERS = {
-    "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'",
-    "X-Content-Type-Options": "nosniff",
-    "Cache-Control": "no-store",
-}
 
 
 class Desks:
     """The desks of all benches that the panel was given, by the name in their address."""
 
-    def __init__(self, folder: RunsFolder, desks: list[Desk]) -> None:
+    def __init__(self, folder: RunsFolder, frame: Frame, desks: list[Desk]) -> None:
         self._folder = folder
+        self._frame = frame
         self._desks = {desk.queue.name: desk for desk in desks}
         self._presets = Presets(folder.root)
         self._rehearsals = Rehearsals(folder.root)
         self._problems: dict[str, str] = {}
         self._views: dict[str, tuple[float, dict[str, Any]]] = {}
-
-    @property
-    def addresses(self) -> dict[str, str]:
-        """Bench -> the address of its queue."""
-        return {desk.queue.bench: f"/queue/{name}" for name, desk in self._desks.items()}
 
     def states(self) -> dict[str, QueueState]:
         """Return the queue of each bench, without those whose file cannot be read."""
@@ -59,14 +48,17 @@ class Desks:
         return found
 
     def work(self) -> None:
-        """Start what is due; what is wrong with a queue is shown on its page."""
+        """Start what is due and tell other pages what waits; what is wrong with a queue is shown on its page."""
         for name, desk in self._desks.items():
+            waits = "queue cannot be read"
             try:
                 if desk.queue.work():
                     self._views.pop(name, None)
                 self._problems.pop(name, None)
+                waits = waiting_words(desk.queue.state())
             except (BenchError, OSError) as error:
                 self._problems[name] = str(error)
+            self._folder.queues[desk.queue.bench] = QueueLink(desk.address, desk.emulated, waits)
 
     def page(
         self,
@@ -88,11 +80,12 @@ class Desks:
             shown = fields(find_procedure(procedure), desk.file, values) if procedure else []
         except BenchError as error:
             procedure, shown, problem = "", [], str(error)
-        text = template("desk.html.j2").render(
+        return self._frame.page(
+            "desk.html.j2",
+            visit_of(request),
+            desk.address,
             desk=desk,
-            visit=visit_of(request),
-            tabs=[(f"/queue/{one.queue.name}", one.queue.bench, one is desk) for one in self._desks.values()],
-            emulated=self._emulated(desk),
+            emulated=desk.emulated,
             procedures=[(one.name, one.title) for one in load_procedures().values()],
             procedure=find_procedure(procedure) if procedure else None,
             fields=shown,
@@ -102,7 +95,6 @@ class Desks:
             campaigns=desk.campaign_files(),
             resumable=list(desk.open_campaigns()),
         )
-        return HTMLResponse(text, headers=PAGE_HEADERS)
 
     def view(self, name: str) -> Response:
         """Return the state of a queue."""
@@ -252,14 +244,6 @@ class Desks:
             raise ConfigurationError("there is no such bench", found=name)
         return self._desks[name]
 
-    @staticmethod
-    def _emulated(desk: Desk) -> bool:
-        try:
-            bench = desk.file.bench
-            return bool(bench.emulated or bench.clock)
-        except BenchError:
-            return False
-
 
 class _WrongForm(Exception):
     """A form with mistakes, and the answer that tells them."""
@@ -286,15 +270,3 @@ def _time(text: object) -> datetime | None:
 
 def _refused(text: str, status: int = 400) -> Response:
     return JSONResponse({"error": text}, status_code=status)
-
-
-@cache
-def _environment() -> Environment:
-    return Environment(
-        autoescape=True, undefined=StrictUndefined, loader=FileSystemLoader(HERE), trim_blocks=True
-    )
-
-
-def template(name: str) -> Any:
-    """Return a page's template."""
-    return _environment().get_template(name)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
 from bench.control.live import read_lines
 from bench.present.sentences import event_of
-from bench.record.events.campaign import SetAside
+from bench.record.events.campaign import CertificateMade, SetAside
 from bench.record.recording import Manifest, read_manifest
 from bench.record.run_folder import MANIFEST_FILE
 from bench.record.run_notes import RunNote, notes_changed_ns, read_notes
@@ -27,6 +28,15 @@ PAPERS = {"certificate": "certificate.html", "report": "report.html"}
 
 
 @dataclass(frozen=True)
+class QueueLink:
+    """The queue of a bench as other pages show it: address, whether nothing real moves, what waits in words."""
+
+    address: str
+    emulated: bool
+    waits: str = ""
+
+
+@dataclass(frozen=True)
 class Entry:
     """A run of the history: its folder relative to the runs folder; `problem` if its manifest cannot be read."""
 
@@ -35,16 +45,24 @@ class Entry:
     problem: str = ""
 
 
+@dataclass(frozen=True)
+class _Journal:
+    """What a campaign says of its runs: why which are set aside, and what its newest certificate says."""
+
+    set_aside: Mapping[str, str]
+    passed: bool | None
+
+
 class RunsFolder:
     """A runs folder: in it run folders, and campaigns and rehearsals with run folders of their own."""
 
     def __init__(self, root: Path) -> None:
         self.root = root.resolve()
-        self.queues: dict[str, str] = {}
-        """Bench -> address of its queue, of those on which runs can be started from here."""
+        self.queues: dict[str, QueueLink] = {}
+        """By the name of the bench, of those on which runs can be started from here."""
         self._manifests: dict[Path, tuple[int, Entry]] = {}
         self._notes: dict[Path, tuple[int, list[RunNote]]] = {}
-        self._journals: dict[Path, tuple[int, dict[str, str]]] = {}
+        self._journals: dict[Path, tuple[int, _Journal]] = {}
         self._papers: dict[Path, tuple[float, list[tuple[str, str]]]] = {}
 
     def inside(self, name: str) -> Path | None:
@@ -120,18 +138,27 @@ class RunsFolder:
 
     def set_aside(self, run: Path) -> str:
         """Return why a campaign has set a run aside, empty if it has not."""
+        return self._journal(run).set_aside.get(f"{run.parent.name}/{run.name}", "")
+
+    def certified(self, run: Path) -> bool | None:
+        """Return whether the certificate of a run's campaign says passed, None where nothing was judged."""
+        return self._journal(run).passed
+
+    def _journal(self, run: Path) -> _Journal:
+        """Return what the journal of a run's campaign says; it is read again only when it has changed."""
         journal = self.within(run.parent.parent / EVENTS_FILE)
         if journal is None:
-            return ""
+            return _Journal({}, None)
         try:
             changed = journal.stat().st_mtime_ns
         except OSError:
-            return ""
-        if self._journals.get(journal, (0, {}))[0] != changed:
+            return _Journal({}, None)
+        if journal not in self._journals or self._journals[journal][0] != changed:
             events = [event_of(row) for row in read_lines(journal)[0]]
             why = {event.folder: event.reason for event in events if isinstance(event, SetAside)}
-            self._journals[journal] = (changed, why)
-        return self._journals[journal][1].get(f"{run.parent.name}/{run.name}", "")
+            made = [event.passed for event in events if isinstance(event, CertificateMade)]
+            self._journals[journal] = (changed, _Journal(why, made[-1] if made else None))
+        return self._journals[journal][1]
 
     def notes(self, run: Path) -> list[RunNote]:
         """Return the notes of a run; they are read again only when they have changed."""

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from fastapi.responses import HTMLResponse, Response
+from fastapi import Request
+from fastapi.responses import Response
 
 from bench.control.procedure import load_procedures
+from bench.present.panel._access import visit_of
 from bench.present.panel._benches import Benches
-from bench.present.panel._desk_routes import PAGE_HEADERS, template
 from bench.present.panel._folders import Entry, RunsFolder
-from bench.present.panel._listing import listed
+from bench.present.panel._frame import Frame
+from bench.present.panel._listing import listed, outside
 from bench.record.catalogue import Catalogue, CatalogueRow
 from drivers.base.errors import BenchError, ConfigurationError
 
 OUTCOMES = ("completed", "invalid", "aborted", "running", "unreadable")
+BROKEN = "any"
+"""Searches for runs that break whatever limit."""
 _STEP, _MOST = 50, 2000
 
 
@@ -27,28 +31,39 @@ class History:
     def __init__(self, folder: RunsFolder, benches: Benches, scratch: Path) -> None:
         self._folder = folder
         self._benches = benches
+        self._frame = Frame(folder, benches)
         self._url = f"sqlite:///{scratch / 'runs.sqlite'}"
         self._one = threading.Lock()
 
     def page(
         self,
+        request: Request,
         unit: str = "",
         procedure: str = "",
         outcome: str = "",
         since: str = "",
         until: str = "",
+        limit: str = "",
         show: int = _STEP,
     ) -> Response:
         """Return the page; what cannot be searched for is said on it."""
         asked = {"unit": unit, "procedure": procedure, "outcome": outcome, "since": since, "until": until}
+        asked["limit"] = limit
         rows: list[dict[str, Any]] = []
+        broken: list[str] = []
         count, problem = 0, ""
         show = min(max(show, 1), _MOST)
         try:
-            rows, count = self.find(asked, show)
+            entries, count = self.entries(asked, show)
+            rows = [listed(entry, self._folder, self._benches) for entry in entries]
+            broken = sorted({name for entry in entries for name in outside(entry, self._folder)})
         except BenchError as error:
             problem = str(error)
-        text = template("history.html.j2").render(
+        return self._frame.page(
+            "history.html.j2",
+            visit_of(request),
+            "/history",
+            400 if problem else 200,
             asked=asked,
             rows=rows,
             count=count,
@@ -56,20 +71,24 @@ class History:
             problem=problem,
             procedures=list(load_procedures()),
             outcomes=OUTCOMES,
-            tabs=list(self._folder.queues.items()),
+            broken=[BROKEN, *broken],
             runs=str(self._folder.root),
-            benches=self._benches.strip(),
         )
-        return HTMLResponse(text, headers=PAGE_HEADERS, status_code=400 if problem else 200)
 
-    def find(self, asked: dict[str, str], show: int) -> tuple[list[dict[str, Any]], int]:
-        """Return the newest runs that fit, as rows of a list, and how many fit; BenchError for no date."""
-        found, count = self._find(asked, show)
-        return [listed(entry, self._folder, self._benches) for entry in self._entries(found)], count
+    def entries(self, asked: dict[str, str], show: int = _MOST) -> tuple[list[Entry], int]:
+        """Return the newest runs that fit, newest first, and how many fit; BenchError for no date.
 
-    def entries(self, asked: dict[str, str]) -> list[Entry]:
-        """Return the newest runs that fit, newest first."""
-        return self._entries(self._find(asked, _MOST)[0])
+        `limit`: the name of a figure that lies outside its limits, or BROKEN for any; looked for in the newest
+        2,000 runs that fit the rest.
+        """
+        others = {name: text for name, text in asked.items() if name != "limit"}
+        limit = asked.get("limit", "").strip()
+        found, count = self._find(others, _MOST if limit else show)
+        entries = self._entries(found)
+        if limit:
+            entries = [one for one in entries if _breaks(outside(one, self._folder), limit)]
+            count = len(entries)
+        return entries[:show], count
 
     def units(self) -> list[str]:
         """Return the serial numbers of the newest runs, in order."""
@@ -98,6 +117,10 @@ class History:
         for path in sorted(root.iterdir()):
             if not path.name.startswith(".") and not path.is_symlink() and (path / "runs").is_dir():
                 yield path / "runs"
+
+
+def _breaks(broken: Collection[str], limit: str) -> bool:
+    return bool(broken) if limit == BROKEN else limit in broken
 
 
 def _folder_of(row: CatalogueRow) -> Path:

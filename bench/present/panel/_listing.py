@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 from urllib.parse import quote
 
@@ -11,6 +11,8 @@ from bench.present.panel._folders import Entry, RunsFolder
 from bench.present.panel._texts import duration
 from bench.record.run_notes import RunNote
 
+CERTIFICATE = "certificate"
+"""What a limit that a campaign's certificate judged is called in a search."""
 _LONGEST_NOTE = 160
 _OUTCOMES = {"completed": "✓ completed", "invalid": "! invalid", "aborted": "✕ aborted"}
 
@@ -19,7 +21,7 @@ def listed(entry: Entry, folder: RunsFolder, benches: Benches) -> dict[str, Any]
     """Return a run as a row for the page; `kind` is the colour of its outcome, `papers` (what, address)."""
     manifest = entry.manifest
     row: dict[str, Any] = dict.fromkeys(
-        ("procedure", "units", "bench", "started", "length", "why", "noted"), ""
+        ("procedure", "units", "bench", "started", "length", "why", "outside", "noted"), ""
     )
     row |= {"run": entry.name, "outcome": "✕ cannot be read", "kind": "aborted", "serials": [], "papers": []}
     if manifest is None:
@@ -37,7 +39,7 @@ def listed(entry: Entry, folder: RunsFolder, benches: Benches) -> dict[str, Any]
     if run.parent.name == "runs" and run.parent != folder.root:
         papers += [paper for paper in folder.papers(run.parent.parent) if paper[0] == "certificate"]
     if manifest.complete and (queue := folder.queues.get(manifest.bench_name)):
-        papers.append(("repeat", f"{queue}?run={quote(entry.name)}"))
+        papers.append(("repeat", f"{queue.address}?run={quote(entry.name)}"))
     return row | {
         "procedure": manifest.procedure,
         "units": ", ".join(manifest.units.values()),
@@ -49,8 +51,35 @@ def listed(entry: Entry, folder: RunsFolder, benches: Benches) -> dict[str, Any]
         "kind": kind,
         "why": why,
         "papers": papers,
+        "outside": "; ".join(outside(entry, folder).values()),
         "noted": _noted(folder.notes(run)),
     }
+
+
+def outside(entry: Entry, folder: RunsFolder) -> dict[str, str]:
+    """Return which limits a run breaks, in words by name: of its measurements, of its campaign's certificate."""
+    if entry.manifest is None:
+        return {}
+    found = {
+        str(row["name"]): f"{row['name']} {_told(row.get('value'))} {row.get('unit', '')}, {_range(row)}"
+        for row in entry.manifest.measurements
+        if row.get("passed") is False
+    }
+    if folder.certified(folder.root / entry.name) is False:
+        found[CERTIFICATE] = "the certificate of its campaign: not passed"
+    return found
+
+
+def _range(row: Mapping[str, Any]) -> str:
+    """Return the limits of a measurement as one says them."""
+    low, high = row.get("low"), row.get("high")
+    if low is not None and high is not None:
+        return f"allowed {_told(low)} to {_told(high)}"
+    return f"at least {_told(low)}" if low is not None else f"at most {_told(high)}"
+
+
+def _told(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, int | float) else "not known"
 
 
 def _noted(notes: Sequence[RunNote]) -> str:

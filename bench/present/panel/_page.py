@@ -4,38 +4,42 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from jinja2 import Environment, StrictUndefined, Template
 from nicegui import ui
 
 from bench.control.live import Action, drop_answer, drop_request
 from bench.control.operators import Signature
+from bench.present.panel._frame import HERE, template
 from bench.present.panel._presence import Presence
+from bench.present.panel._session import Session
 from bench.present.panel._watch import LEVELS, Watch
 from bench.record.events import Role
 from drivers.base.errors import BenchError
 
-_HERE = Path(__file__).parent
 _CONTROL_S = 0.25
 _NAME_TIMEOUT_S = 20.0
 _ORDER_TRIES = 12
 """How often an order looks for the question that asks for it, a quarter of a second apart."""
+Asked = tuple[Path, int]
+"""A question: the session that asks it and its number there; every process counts from 1."""
 
 
-def build_page(watch: Watch, queue: str, presence: Presence) -> None:
+def build_page(watch: Watch, frame: Mapping[str, Any], presence: Presence) -> None:
     """Build the page of one browser: what it shows is plain HTML and there at once, its controls follow.
 
-    `queue`: the address where runs can be started, empty if they cannot be.
+    `frame`: what its head is made of (`Frame.values`).
     """
     dark = ui.dark_mode(value=None)
     ui.add_head_html(f"<style>{style_sheet()}</style>")
-    operators = presence.signs_in and presence.may("configure")
-    ui.add_body_html(_first_paint(watch.values(), watch.news(), queue, operators))
+    banner = watch.news()["banner"]
+    ui.add_body_html(template("first_paint.html.j2").render(frame, values=watch.values(), banner=banner))
     for script in ("common", "charts", "expected", "noise", "panel"):
         ui.add_body_html(f'<script src="/panel/assets/{script}.js"></script>')
     ui.query(".nicegui-content").classes("panel")
@@ -76,8 +80,10 @@ class Controls:
         self._watch = watch
         self._presence = presence
         self._client = ui.context.client
-        self._asked: list[int] = []
-        self._answered: set[int] = set()
+        self._asked: list[Asked] = []
+        self._answered: set[Asked] = set()
+        self._aborting: Session | None = None
+        self._bounded: dict[str, ui.label] = {}
 
     def header(self, dark: ui.dark_mode) -> None:
         """Build name, pause, resume, abort and the switch between light and dark."""
@@ -98,9 +104,11 @@ class Controls:
             ).classes("contrast")
         self._dialog = ui.dialog().props('aria-label="Abort the run?"')
         with self._dialog, ui.element("div").classes("dialog"):
+            ui.html("<h2>Abort the run?</h2>", sanitize=False)
+            self._doomed = ui.label().classes("doomed").props('data-testid="abort-what"')
             ui.html(
-                "<h2>Abort the run?</h2><p>The table stops, the chamber goes to its safe set point, and what was "
-                "recorded is kept. The run cannot be continued; a campaign can be resumed later.</p>",
+                "<p>The table stops, the chamber goes to its safe set point, and what was recorded is kept. "
+                "The run cannot be continued; a campaign can be resumed later.</p>",
                 sanitize=False,
             )
             self._aborter = ui.input(label="your name, for the record").props(
@@ -142,10 +150,21 @@ class Controls:
                     field = ui.input(label=label).props(
                         f'dense outlined maxlength=12 data-testid="order-{verb}"'
                     )
-                    text = partial(_order_text, verb, field)
+                    self._bounded[verb] = ui.label().classes("bounds")
+                    text = partial(_order_text, verb, label, field)
                     field.on("keydown.enter", partial(self._order, text))
                     self._ordering(word, text)
         self._hand.set_visibility(False)
+
+    def _show_hand(self, by_hand: bool) -> None:
+        """Show the buttons of a run by hand with what this run may order, or hide them."""
+        self._hand.set_visibility(by_hand)
+        if not by_hand:
+            return
+        known = self._watch.parameters
+        with suppress(KeyError):
+            self._bounded["spin"].text = f"at most {known['max_rate_dps']:g} either way"
+            self._bounded["air"].text = f"{known['low_c']:g} to {known['high_c']:g}"
 
     def _ordering(self, word: str, text: Callable[[], str], color: str = "primary") -> None:
         props = f"no-caps {'unelevated' if color == 'negative' else 'outline'}"
@@ -153,21 +172,22 @@ class Controls:
 
     async def _order(self, text: Callable[[], str]) -> None:
         """Answer the open question with an order; between two questions wait a moment for the next."""
-        by, order = self._signed("run"), text()
-        if by is None or not order:
+        try:
+            order = text()
+        except ValueError as error:
+            ui.notify(str(error), type="warning")
+            return
+        session, by = self._watch.session, self._signed("run")
+        if by is None:
             return
         for _ in range(_ORDER_TRIES):
-            session, open_ = self._watch.session, self._watch.prompts
-            number = next((row["id"] for row in open_ if row["id"] not in self._answered), None)
-            if session is not None and number is not None:
-                try:
-                    counted = drop_answer(session.path, number, order, by.name, by.role)
-                except BenchError as error:
-                    ui.notify(str(error), type="negative")
-                    return
-                self._answered.add(number)
-                if (counted.by, counted.answer) == (by.name, order):
-                    ui.notify(f"ordered: {order}")
+            if session is None or self._watch.session is not session:
+                break
+            open_ = [(session.path, row["id"]) for row in self._watch.prompts]
+            asked = next((one for one in open_ if one not in self._answered), None)
+            if asked is not None:
+                counted = self._dropped(asked, order, by)
+                if counted is None or counted == (by.name, order):
                     return
             await asyncio.sleep(_CONTROL_S)
         ui.notify("The bench takes no order now. To stop it: Abort.", type="negative")
@@ -185,16 +205,17 @@ class Controls:
                 button.set_enabled(pressable)
         by_hand = watch.by_hand
         if self._hand.visible != by_hand:
-            self._hand.set_visibility(by_hand)
-        open_ = () if by_hand else watch.prompts
-        prompts = [prompt for prompt in open_ if prompt["id"] not in self._answered]
-        ids = [prompt["id"] for prompt in prompts]
-        if ids != self._asked:
-            self._asked = ids
+            self._show_hand(by_hand)
+        session = watch.session
+        open_ = () if by_hand or session is None else watch.prompts
+        prompts = {(session.path, row["id"]): row for row in open_ if session is not None}
+        asked = [one for one in prompts if one not in self._answered]
+        if asked != self._asked:
+            self._asked = asked
             self._place.clear()
             with self._place:
-                for prompt in prompts:
-                    self._question(prompt["id"], str(prompt.get("question", "")), self._picture(prompt))
+                for one in asked:
+                    self._question(one, str(prompts[one].get("question", "")), self._picture(prompts[one]))
 
     def _picture(self, prompt: Mapping[str, Any]) -> str:
         """Return the address of a question's picture, empty without one."""
@@ -203,7 +224,7 @@ class Controls:
             return ""
         return f"/picture/{quote(str(session.run.relative_to(self._watch.folder.root) / name))}"
 
-    def _question(self, number: int, text: str, picture: str) -> None:
+    def _question(self, asked: Asked, text: str, picture: str) -> None:
         with ui.element("div").classes("question"):
             ui.label(text).classes("text").props('data-testid="question"')
             if picture:
@@ -213,34 +234,45 @@ class Controls:
                 ui.label(f"You are signed in to {self._presence.role}: somebody else answers this.")
                 return
             with ui.element("div").classes("choices"):
-                ui.button("Done, go on", on_click=lambda: self._answer(number, "yes")).props(
+                ui.button("Done, go on", on_click=lambda: self._answer(asked, "yes")).props(
                     'no-caps unelevated data-testid="answer-yes"'
                 )
                 other = ui.input(placeholder="or another answer").props("dense outlined maxlength=200")
-                other.on("keydown.enter", lambda: self._answer(number, str(other.value or "")))
-                ui.button("No: abort", on_click=lambda: self._answer(number, "no")).props("no-caps outline")
+                other.on("keydown.enter", lambda: self._answer(asked, str(other.value or "")))
+                ui.button("No: abort", on_click=lambda: self._answer(asked, "no")).props("no-caps outline")
 
     def _ask_abort(self) -> None:
+        """Ask once, for the session that is shown now: the page may show another one when it is pressed."""
+        self._aborting = session = self._watch.session
+        if session is None:
+            return
+        self._doomed.text = f"{session.title()} on {session.bench or session.name}"
         self._aborter.value = self._name.value
         self._dialog.open()
 
-    def _answer(self, number: int, answer: str) -> None:
-        session, by = self._watch.session, self._signed("answer")
-        if session is None or not answer.strip() or by is None:
+    def _answer(self, asked: Asked, answer: str) -> None:
+        by = self._signed("answer")
+        if not answer.strip() or by is None:
             return
-        try:
-            counted = drop_answer(session.path, number, answer, by.name, by.role)
-        except BenchError as error:
-            ui.notify(str(error), type="negative")
-            return
-        if counted.by != by.name:
-            ui.notify(f"{counted.by} was first and answered {counted.answer!r}", type="warning")
-        self._answered.add(number)
+        counted = self._dropped(asked, answer, by)
+        if counted is not None and counted[0] != by.name:
+            ui.notify(f"{counted[0]} was first and answered {counted[1]!r}", type="warning")
         self.refresh()
 
-    def _request(self, action: Action, nameless: str = "") -> None:
-        session = self._watch.session
-        if session is None or not self._watch.steerable:
+    def _dropped(self, asked: Asked, answer: str, by: Signature) -> tuple[str, str] | None:
+        """Answer a question; return who gave the answer that counts, and it; None, and said, if none could be."""
+        try:
+            counted = drop_answer(*asked, answer, by.name, by.role)
+        except BenchError as error:
+            ui.notify(str(error), type="negative")
+            return None
+        self._answered.add(asked)
+        return counted.by, counted.answer
+
+    def _request(self, action: Action, session: Session | None = None, nameless: str = "") -> None:
+        """Ask the session that is shown, or `session`, for something."""
+        session = session or self._watch.session
+        if session is None or not session.alive:
             ui.notify("Nothing runs.", type="warning")
             return
         if (by := self._signed("answer", nameless)) is None:
@@ -258,7 +290,7 @@ class Controls:
         name = str(self._aborter.value or "").strip()
         if name and not self._presence.signs_in:
             self._name.value = name
-        self._request("abort", f"somebody without a name at {self._client.ip}")
+        self._request("abort", self._aborting, f"somebody without a name at {self._client.ip}")
 
     def _signed(self, needs: Role, nameless: str = "") -> Signature | None:
         """Return who presses; None, and said, for nobody and for somebody who may not do that.
@@ -294,10 +326,16 @@ def _sign_out() -> None:
     ui.run_javascript("fetch('/sign-out', {method: 'POST'}).then(() => location.assign('/sign-in'))")
 
 
-def _order_text(verb: str, field: ui.input) -> str:
-    """Return an order with the number that was typed; empty without one."""
+def _order_text(verb: str, label: str, field: ui.input) -> str:
+    """Return an order with the number that was typed; ValueError, in words, if none was."""
     number = str(field.value or "").strip().replace(",", ".").replace("−", "-")
-    return f"{verb} {number}" if number else ""
+    try:
+        known = math.isfinite(float(number))
+    except ValueError:
+        known = False
+    if not known:
+        raise ValueError(f"{label}: type a number first. Nothing was ordered.")
+    return f"{verb} {number}"
 
 
 def _keep_name(event: object) -> None:
@@ -321,23 +359,9 @@ def _toggle(dark: ui.dark_mode) -> None:
 @cache
 def style_sheet() -> str:
     """Return the style sheet; dark by the page's own switch, or by the browser's wish until that is there."""
-    dark = (_HERE / "assets" / "dark.css").read_text(encoding="utf-8")
+    dark = (HERE / "assets" / "dark.css").read_text(encoding="utf-8")
     return (
-        "".join((_HERE / "assets" / name).read_text(encoding="utf-8") for name in ("panel.css", "charts.css"))
+        "".join((HERE / "assets" / name).read_text(encoding="utf-8") for name in ("panel.css", "charts.css"))
         + f"body.body--dark {{ {dark} }}\n"
         + f"@media (prefers-color-scheme: dark) {{ body:not(.body--light) {{ {dark} }} }}\n"
     )
-
-
-def _first_paint(
-    values: Mapping[str, str], news: Mapping[str, Any], queue: str, operators: bool = False
-) -> str:
-    """Return benches, names, banner, cards and lists as they are now; panel.js moves them to their places."""
-    facts = {"values": values, "banner": news["banner"], "benches": news["benches"]}
-    return _template().render(facts, queue=queue, operators=operators)
-
-
-@cache
-def _template() -> Template:
-    environment = Environment(autoescape=True, undefined=StrictUndefined)
-    return environment.from_string((_HERE / "first_paint.html.j2").read_text(encoding="utf-8"))

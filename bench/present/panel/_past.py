@@ -13,13 +13,13 @@ from typing import Annotated, Any
 
 import nicegui
 from fastapi import Query, Request
-from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
+from fastapi.responses import JSONResponse, PlainTextResponse, Response
 
 from bench.present.panel._access import visit_of
 from bench.present.panel._benches import Benches
-from bench.present.panel._desk_routes import PAGE_HEADERS, template
 from bench.present.panel._figure_store import FigureStore
 from bench.present.panel._folders import RunsFolder
+from bench.present.panel._frame import Frame
 from bench.present.panel._history import History
 from bench.present.panel._listing import listed
 from bench.present.panel._run_curves import check_stretch
@@ -50,6 +50,7 @@ class Past:
         self._folder = folder
         self._benches = benches
         self._history = history
+        self._frame = Frame(folder, benches)
         self._figures = FigureStore(folder.root, scratch)
         self._workshop, self._rehearsing = Workshop(), Workshop()
         self._curves: dict[tuple[object, ...], dict[str, Any]] = {}
@@ -79,8 +80,8 @@ class Past:
         if len(found) > MOST_RUNS:
             problem = f"The first {MOST_RUNS} of {len(found)} runs are shown."
         shown = [self._shown(name) for name in found[:MOST_RUNS]]
-        return self._page(
-            "curves.html.j2", runs=shown, problem=problem, most_text=MOST_TEXT, visit=visit_of(request)
+        return self._frame.page(
+            "curves.html.j2", visit_of(request), "/curves", runs=shown, problem=problem, most_text=MOST_TEXT
         )
 
     async def curves(self, run: str, from_s: float | None = None, to_s: float | None = None) -> Response:
@@ -155,11 +156,13 @@ class Past:
 
     # Figures
 
-    def trends_page(self, unit: Names, figure: str = "") -> Response:
+    def trends_page(self, request: Request, unit: Names, figure: str = "") -> Response:
         """Return the page of figures over time; its numbers come as `trends`."""
         units = [text for one in unit for part in one.split(",") if (text := part.strip())]
-        return self._page(
+        return self._frame.page(
             "trends.html.j2",
+            visit_of(request),
+            "/trends",
             units=list(dict.fromkeys(units))[:MOST_UNITS],
             figure=figure,
             known=self._history.units(),
@@ -195,18 +198,12 @@ class Past:
     def _completed(self, unit: str) -> dict[str, float]:
         """Return the completed runs of a unit that count, by name, with their start, s since 1970."""
         found = {}
-        for entry in self._history.entries({"unit": unit, "outcome": "completed"}):
+        for entry in self._history.entries({"unit": unit, "outcome": "completed"})[0]:
             if entry.manifest is not None and not self._folder.set_aside(self._folder.root / entry.name):
                 found[entry.name] = datetime.fromisoformat(entry.manifest.started_utc).timestamp()
         return found
 
     # Parts
-
-    def _page(self, name: str, **values: Any) -> Response:
-        text = template(name).render(
-            tabs=list(self._folder.queues.items()), benches=self._benches.strip(), here="", **values
-        )
-        return HTMLResponse(text, headers=PAGE_HEADERS)
 
     def _run(self, name: str) -> Path | None:
         folder = self._folder.inside(name)

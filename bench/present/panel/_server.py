@@ -19,6 +19,7 @@ from bench.present.panel._access import Access, visit_of
 from bench.present.panel._benches import Benches
 from bench.present.panel._desk_routes import Desks
 from bench.present.panel._folders import PAPERS, RunsFolder
+from bench.present.panel._frame import Frame
 from bench.present.panel._history import History
 from bench.present.panel._metrics import Metrics
 from bench.present.panel._page import build_page, style_sheet
@@ -41,6 +42,8 @@ _WAITING = 8
 """Ticks a slow browser may be behind before it is given everything anew."""
 _IDLE_HUBS = 4
 """Sessions that nobody looks at any more and that are kept all the same: a page comes back within seconds."""
+_CHOSEN = ("", "")
+"""What the panel shows to whoever asks for no session and no bench."""
 _PICTURES = {".png": "image/png", ".jpg": "image/jpeg"}
 _NO_SCRIPTS = {
     "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; img-src data:",
@@ -55,17 +58,19 @@ def serve(settings: PanelSettings) -> None:
     folder = RunsFolder(settings.runs)
     sessions = None if settings.operators is None else Sessions(OperatorsFile(settings.operators))
     hubs = Hubs(folder, sessions)
-    desks = Desks(folder, settings.desks(hubs.benches))
-    folder.queues = desks.addresses
+    frame = Frame(folder, hubs.benches)
+    desks = Desks(folder, frame, settings.desks(hubs.benches))
+    desks.work()
     app.add_middleware(Access, token=settings.token, sessions=sessions)
     if sessions is not None:
-        _serve_sign_in(SignIn(sessions))
+        _serve_sign_in(SignIn(sessions, frame))
     app.websocket("/panel/live")(hubs.attend)
     app.timer(_TICK_S, hubs.tick)
     app.timer(_WORK_S, desks.work)
     scratch = tempfile.TemporaryDirectory(prefix="gyrobench-panel-")
     reports = Reports(folder, Path(scratch.name))
     app.get("/panel/who")(_who)
+    app.get("/panel/benches")(frame.strip)
     app.get("/metrics")(Metrics(folder, hubs.benches, desks).page)
     app.get("/picture/{name:path}")(reports.picture)
     app.get("/report/{name:path}")(reports.get)
@@ -112,28 +117,28 @@ def _serve_sign_in(sign_in: SignIn) -> None:
 
 
 class Hubs:
-    """A hub for every session that pages look at, by its name; "" is the one the panel chooses itself."""
+    """A hub for all that pages look at: a session by its name, a bench by its own, or what the panel chooses."""
 
     def __init__(self, folder: RunsFolder, sessions: Sessions | None = None) -> None:
         self._folder = folder
         self._sessions = sessions
         self.benches = self._benches = Benches(folder)
-        self._hubs = {"": Hub(Watch(folder, self._benches))}
+        self._frame = Frame(folder, self._benches)
+        self._hubs = {_CHOSEN: Hub(Watch(folder, self._benches))}
 
-    def page(self, request: Request, session: str = "") -> None:
+    def page(self, request: Request, session: str = "", bench: str = "") -> None:
         """Build the page of one browser."""
-        hub = self._of(session)
+        hub, visit = self._of(session, bench), visit_of(request)
         hub.tick()
-        queue = next(iter(self._folder.queues.values()), "")
-        build_page(hub.watch, queue, Presence(visit_of(request), self._sessions))
+        build_page(hub.watch, self._frame.values(visit, "/"), Presence(visit, self._sessions))
 
-    async def attend(self, page: WebSocket, session: str = "") -> None:
+    async def attend(self, page: WebSocket, session: str = "", bench: str = "") -> None:
         """Send to one page until it goes, or whoever looks at it is signed out."""
-        await self._of(session).attend(page, Presence(visit_of(page), self._sessions))
+        await self._of(session, bench).attend(page, Presence(visit_of(page), self._sessions))
 
-    def window(self, from_s: float, to_s: float, session: str = "") -> Response:
+    def window(self, from_s: float, to_s: float, session: str = "", bench: str = "") -> Response:
         """Return the curves of a stretch that a page has zoomed into."""
-        return JSONResponse(self._of(session).watch.window(from_s, to_s))
+        return JSONResponse(self._of(session, bench).watch.window(from_s, to_s))
 
     def acknowledge(self, request: Request, session: str = Body(), by: str = Body()) -> Response:
         """Write down that somebody has seen the alarms of a session's bench."""
@@ -148,16 +153,18 @@ class Hubs:
 
     def tick(self) -> None:
         """Send news to all pages; what nobody looks at is not read."""
-        for name, hub in list(self._hubs.items()):
-            if hub.watched or not name:
+        for what, hub in list(self._hubs.items()):
+            if hub.watched or what == _CHOSEN:
                 hub.tick()
 
-    def _of(self, session: str) -> Hub:
-        if session not in self._hubs:
-            for name in [name for name, hub in self._hubs.items() if name and not hub.watched][_IDLE_HUBS:]:
-                del self._hubs[name]
-            self._hubs[session] = Hub(Watch(self._folder, self._benches, session))
-        return self._hubs[session]
+    def _of(self, session: str, bench: str) -> Hub:
+        what = session, bench
+        if what not in self._hubs:
+            idle = [other for other, hub in self._hubs.items() if other != _CHOSEN and not hub.watched]
+            for other in idle[_IDLE_HUBS:]:
+                del self._hubs[other]
+            self._hubs[what] = Hub(Watch(self._folder, self._benches, session, bench))
+        return self._hubs[what]
 
 
 class Hub:

@@ -148,6 +148,11 @@ class Session:
         """Return the alarms that nobody has acknowledged."""
         return [row for row in self.alarms() if not row.seen]
 
+    @property
+    def needs_somebody(self) -> bool:
+        """Whether it ended or goes on badly and nobody has said to have seen that."""
+        return self.banner().tone == "bad" and not self.problem and (self.alive or bool(self.unseen()))
+
     def acknowledge(self, by: str) -> int:
         """Write down that `by` has seen all alarms there are; return how many were new."""
         keys = [row.key for row in self.unseen()]

@@ -11,7 +11,7 @@ from fastapi.responses import HTMLResponse, RedirectResponse, Response
 
 from bench.control.operators import ROLES, SHORTEST_PASSWORD, OperatorsFile
 from bench.present.panel._access import kept_cookie, visit_of
-from bench.present.panel._desk_routes import PAGE_HEADERS, template
+from bench.present.panel._frame import PAGE_HEADERS, Frame, template
 from bench.present.panel._sign_in import SESSION_S, Doorkeeper, Sessions, TooMany
 from drivers.base.errors import BenchError
 
@@ -21,7 +21,8 @@ _LONGEST_FORM = 4096
 class SignIn:
     """Lets operators in and out; those who may configure add, change and remove others."""
 
-    def __init__(self, sessions: Sessions) -> None:
+    def __init__(self, sessions: Sessions, frame: Frame) -> None:
+        self._frame = frame
         self._sessions = sessions
         self._operators: OperatorsFile = sessions.operators
         self._doorkeeper = Doorkeeper(sessions.operators)
@@ -86,14 +87,16 @@ class SignIn:
         return "Nothing was asked for."
 
     def _operators_page(self, request: Request, said: str, status: int = 200) -> Response:
-        text = template("operators.html.j2").render(
+        return self._frame.page(
+            "operators.html.j2",
+            visit_of(request),
+            "/operators",
+            status,
             operators=self._operators.all(),
-            visit=visit_of(request),
             roles=ROLES,
             said=said,
             shortest=SHORTEST_PASSWORD,
         )
-        return HTMLResponse(text, status, PAGE_HEADERS)
 
     @staticmethod
     def _form(to: str, name: str = "", wrong: str = "", status: int = 200) -> Response:

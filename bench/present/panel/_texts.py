@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bench.present.sentences import demands_words, event_of, sentence
-from bench.record.events.run import Prompt
+from bench.record.events.run import Note, Prompt
 from bench.record.events.safe import SafeState
 
 DASH = "–"
@@ -41,7 +41,9 @@ def texts(
         "units": ", ".join(f"{unit} ({name})" for name, unit in (run.get("units") or {}).items()) or DASH,
         "count": f"run {campaign['number']} of {campaign['count']}"
         if campaign.get("count")
-        else "single run",
+        else "single run"
+        if run
+        else "",
         "campaign_left": _campaign_left(campaign, left_s) if going_on else "",
         "step": str(now.get("step") or DASH),
         "doing": str(now.get("doing") or DASH),
@@ -53,7 +55,7 @@ def texts(
         "age": "" if age_s < 2.0 or ended else f"last news {age_s:.0f} s ago",
         "chamber.age": _age(chamber, age_s, going_on),
         "table.age": _age(table, age_s, going_on),
-        "last": _last(now.get("log") or ()),
+        **_last(now.get("log") or ()),
         "air": number(chamber.get("air_temp_c"), 2),
         "set": number(chamber.get("set_point_c"), 2),
         "air_rate": number(chamber.get("rate_k_per_min"), 2, sign=True),
@@ -73,10 +75,14 @@ def texts(
     return words | _read_back(read_back or {})
 
 
-def _last(log: Sequence[Mapping[str, Any]]) -> str:
-    """Return what became of the last order: the newest event that is no question."""
+def _last(log: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """Return what became of the last order: the newest event that is no question; a note says why not."""
     events = [event_of(row) for row in log]
-    return next((sentence(event) for event in reversed(events) if not isinstance(event, Prompt)), "")
+    last = next((event for event in reversed(events) if not isinstance(event, Prompt)), None)
+    return {
+        "last": "" if last is None else sentence(last),
+        "last_refused": "yes" if isinstance(last, Note) else "",
+    }
 
 
 def _read_back(states: Mapping[str, SafeState]) -> dict[str, str]:

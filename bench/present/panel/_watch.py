@@ -28,6 +28,8 @@ LEVELS = {"5 min": 300.0, "1 h": 3600.0, "run": 0.0}
 _LOOK_EVERY_S = 2.0
 _LINES_SHOWN = 60
 _FIRST_WIDTH_S = 1.0
+_MISSED_S = 3.0
+"""Time between two readings, s, from which something may have come between them."""
 _MOST_S, _LARGEST = 3.2e7, 1e300
 
 
@@ -42,15 +44,17 @@ class Column:
 
 
 class Watch:
-    """Follows one session: that of `name` if one is given, else the one that runs or the last one that did.
+    """Follows one session: that of `name`, or of all, or those of `bench`, what needs somebody, else the newest.
 
-    It stays with a session as long as its process lives.
+    It stays with a session as long as its process lives, and with one that ended badly until somebody has said
+    to have seen it or its bench has begun something else: no page goes from an alarm to another bench by itself.
     """
 
-    def __init__(self, folder: RunsFolder, benches: Benches, name: str = "") -> None:
+    def __init__(self, folder: RunsFolder, benches: Benches, name: str = "", bench: str = "") -> None:
         self.folder = folder
         self.benches = benches
         self.name = name
+        self.bench = bench
         self.session: Session | None = None
         self.epoch = 0
         """Counts runs shown: a new one makes every page start over."""
@@ -60,7 +64,7 @@ class Watch:
         self._history: HistoryTail | None = None
         self._phases: PhaseTail | None = None
         self._noise: Noise | None = None
-        self._look_at = -math.inf
+        self._look_at = self._updated_at = -math.inf
         self._newest_s = -math.inf
         self._entries: list[Entry] = []
         self._runs: list[dict[str, Any]] = []
@@ -77,7 +81,10 @@ class Watch:
                 self._phases.update()
         if self.session is not None and self.session.update() and self.session.now is not None:
             self._follow(self.session.now)
+            if host_seconds() - self._updated_at > _MISSED_S:
+                self._catch_up(self.session.now)
             self._add(self.session.now)
+        self._updated_at = host_seconds()
         if self._noise is not None and self.steerable:
             self._noise.update(self._newest_s)
 
@@ -96,6 +103,13 @@ class Watch:
     def by_hand(self) -> bool:
         """Whether the run that goes on takes orders."""
         return self.steerable and (self.now.get("run") or {}).get("procedure") == MANUAL
+
+    @property
+    def parameters(self) -> Mapping[str, Any]:
+        """The parameters of the run, empty where its manifest cannot be read."""
+        run = self.session.run if self.session is not None else None
+        entry = self.folder.entry(run) if run is not None else None
+        return {} if entry is None or entry.manifest is None else entry.manifest.parameters
 
     @property
     def steerable(self) -> bool:
@@ -117,7 +131,9 @@ class Watch:
             head = (
                 NOT_HERE
                 if self.name
-                else nothing_yet(str(self.folder.root), self.folder.root.is_dir(), bool(self.folder.queues))
+                else nothing_yet(
+                    str(self.folder.root), self.folder.root.is_dir(), bool(self.folder.queues), self.bench
+                )
             )
         alarms = [asdict(row) for row in session.alarms()] if session is not None else []
         for earlier in self.benches.of_bench(session)[1:] if session is not None else ():
@@ -161,11 +177,9 @@ class Watch:
         run, columns = self._run, self.columns
         if run is None or not 0.0 < to_s - from_s < 2.0 * _MOST_S:
             return {"epoch": self.epoch, "rows": []}
-        gyros = tuple(sorted(self.now.get("gyros") or {}))
-        numbers = [number for number, _ in _auxiliary(self.now)]
         fine = MinMax(len(columns), max((to_s - from_s) / _FINE, 0.05), 2 * _FINE, growing=False)
         for row in history_between(run, from_s, to_s):
-            fine.add(row["time_s"], [_number(value) for value in _of_history(row, gyros, numbers)])
+            fine.add(row["time_s"], [_number(value) for value in _of_history(row, *self._what(self.now))])
         return {"epoch": self.epoch, "rows": fine.rows()}
 
     def snapshot(self) -> dict[str, Any]:
@@ -189,10 +203,18 @@ class Watch:
         return (self.epoch, *(level.version for level in self.levels.values()))
 
     def _choose(self) -> None:
-        """Take the session written to last, unless the one shown still lives or one was asked for by name."""
-        path = self.folder.session(self.name) if self.name else next(iter(self.folder.sessions()), None)
-        if path is None or (self.session is not None and (self.session.path == path or self.steerable)):
+        """Take the session that was asked for, unless the one shown still lives or waits to be seen."""
+        if self.name:
+            path = self.folder.session(self.name)
+        else:
+            found = self.benches.foremost(self.bench)
+            path = None if found is None else found.path
+        shown = None if self.session is None else self.session.path
+        if path in (None, shown) or self.steerable:
             return
+        if shown is not None and self.benches.waits_to_be_seen(shown):
+            return
+        assert path is not None
         self.session = Session(self.folder, path)
 
     def _follow(self, now: Mapping[str, Any]) -> None:
@@ -217,9 +239,21 @@ class Watch:
             self._noise = Noise(folder) if folder is not None else None
             if self._phases is not None:
                 self._phases.update()
-            numbers = [number for number, _ in _auxiliary(now)]
             for row in self._history.update() if self._history is not None else ():
-                self._take(row.get("time_s"), _of_history(row, gyros, numbers))
+                self._take(row.get("time_s"), _of_history(row, *self._what(now)))
+
+    def _catch_up(self, now: Mapping[str, Any]) -> None:
+        """Take what came while nobody looked from the run's history, so that no straight line stands for it."""
+        to_s = _number(now.get("time_s"))
+        if self._run is None or to_s is None or not math.isfinite(self._newest_s):
+            return
+        for row in history_between(self._run, self._newest_s, to_s):
+            self._take(row["time_s"], _of_history(row, *self._what(now)))
+
+    @staticmethod
+    def _what(now: Mapping[str, Any]) -> tuple[tuple[str, ...], list[str]]:
+        """Return the gyros and the numbers of auxiliary sensors of a run."""
+        return tuple(sorted(now.get("gyros") or {})), [number for number, _ in _auxiliary(now)]
 
     def _add(self, now: Mapping[str, Any]) -> None:
         """Add the values of now; one that is old is none, so that a curve ends where nothing came."""

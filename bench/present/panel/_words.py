@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from bench.campaign.queue import QueueState
+
 HELD = {
     "new": "The queue is held: nothing starts by itself.",
     "operator": "{by} holds the queue: nothing starts by itself.",
@@ -20,3 +22,10 @@ ENDED = {
     "unclear": "? the panel was killed while it started this: it may or may not have run",
 }
 """`Ended.outcome` -> what the page says."""
+
+
+def waiting_words(state: QueueState) -> str:
+    """Return what waits in a queue and whether it is held, for the strip; empty if nothing waits."""
+    if not state.waiting:
+        return ""
+    return f"{len(state.waiting)} waiting" + (", queue held" if state.held is not None else "")

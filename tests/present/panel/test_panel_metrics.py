@@ -14,6 +14,7 @@ from bench.present.panel._benches import Benches
 from bench.present.panel._desk import Desk
 from bench.present.panel._desk_routes import Desks
 from bench.present.panel._folders import RunsFolder
+from bench.present.panel._frame import Frame
 from bench.present.panel._metrics import Metrics
 from tests.benches import FOG_BENCH
 from tests.present.panel.browser import write_now
@@ -45,7 +46,7 @@ def metrics(tmp_path: Path) -> Metrics:
     queue = BenchQueue(runs, bench_file)
     queue.add(RunOrder(procedure="known-state"), "Ada")
     write_now(runs / "one", "one", **NOW)
-    return Metrics(folder, benches, Desks(folder, [Desk(queue, benches, tmp_path)]))
+    return Metrics(folder, benches, Desks(folder, Frame(folder, benches), [Desk(queue, benches, tmp_path)]))
 
 
 def scraped(metrics: Metrics, accept: str = "") -> dict[tuple[str, ...], float]:

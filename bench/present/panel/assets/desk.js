@@ -1,7 +1,7 @@
 // The queue's page: shows what goes on and what waits, sends what the operator asks for, plans what is in the form.
 (() => {
   "use strict";
-  const { element, place, recallName, setText, showBenches } = window.gyrobenchPage;
+  const { element, place, recallName, setText } = window.gyrobenchPage;
   const queue = document.body.dataset.queue;
   const form = place("[data-run]");
   const campaign = place("[data-campaign] select");
@@ -143,7 +143,6 @@
     if (!found.bench) return void say(found.problem);
     if (found.problem || view.problem) say(found.problem);
     view = found;
-    showBenches(found.benches, "");
     const held = place("[data-held]");
     const used = found.used ? ` The bench is in use: ${found.used}.` : "";
     setText(held, (found.held || (found.waiting.length ? "The queue goes: what is due starts by itself." : "")) + used);

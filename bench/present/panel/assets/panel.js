@@ -9,6 +9,12 @@
   const { Expected } = window.gyrobenchExpected;
   let [chart, plan] = [null, null];
 
+  // What this page shows: a session, a bench whatever it does, or what the panel chooses.
+  function asked() {
+    const found = new URLSearchParams(location.search);
+    return { session: found.get("session") || "", bench: found.get("bench") || "" };
+  }
+
   // Numbers
 
   function showValues(values) {
@@ -19,6 +25,7 @@
         if (key.endsWith(".age")) node.closest(".card")?.classList.toggle("old", text.startsWith("last read"));
       }
     }
+    if ("last_refused" in values) place("[data-live=last]")?.classList.toggle("wrong", Boolean(values.last_refused));
     if ("emulated" in values) document.body.classList.toggle("emulated", Boolean(values.emulated));
     if ("progress" in values) {
       const bar = place("[data-progress]");
@@ -98,7 +105,8 @@
       setText(node, head[part]);
       node.parentElement.hidden = !head[part];
     }
-    document.title = head.tone === "good" ? "gyrobench panel" : `${head.word} · gyrobench panel`;
+    document.title = [head.word, state.values.bench, "gyrobench panel"].filter(Boolean).join(" · ");
+    document.body.classList.toggle("without", !news.session);
     fill("log", news.log.map(([seconds, kind, text]) => line(seconds, kind, text)), "Nothing yet.");
     const own = news.alarms.map((alarm) => {
       const row = line(alarm.time_s, alarm.kind === "log" ? "alarm" : alarm.kind, alarm.text);
@@ -139,6 +147,7 @@
         element("span", "", run.length || ""), outcome, links,
       );
       if (run.why && run.kind !== "completed") row.append(element("span", "why", run.why));
+      if (run.outside) row.append(element("span", "why outside", `✕ Outside its limits: ${run.outside}`));
       if (run.noted) row.append(element("span", "why", `Note: ${run.noted}`));
       return row;
     });
@@ -239,8 +248,7 @@
   async function askFiner() {
     const view = state.held;
     if (!view) return;
-    const session = new URLSearchParams(location.search).get("session") || "";
-    const query = new URLSearchParams({ session, from_s: view[0], to_s: view[1] });
+    const query = new URLSearchParams({ ...asked(), from_s: view[0], to_s: view[1] });
     const found = await (await fetch(`/panel/window?${query}`)).json();
     if (state.held !== view || found.epoch !== state.epoch || found.rows.length < 2) return;
     state.fine = { of: String(view), rows: found.rows };
@@ -287,9 +295,8 @@
   let panel = "";
 
   function connect() {
-    const session = encodeURIComponent(new URLSearchParams(location.search).get("session") || "");
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    const socket = new WebSocket(`${scheme}://${location.host}/panel/live?session=${session}`);
+    const socket = new WebSocket(`${scheme}://${location.host}/panel/live?${new URLSearchParams(asked())}`);
     socket.onmessage = (event) => {
       const message = JSON.parse(event.data);
       if (message.panel) {
@@ -323,6 +330,7 @@
     if (!place("[data-place]")) return void setTimeout(settle, 20);
     for (const node of document.querySelectorAll("[data-move]")) place(`[data-place="${node.dataset.move}"]`).append(node);
     place("#first-paint")?.remove();
+    showValues(state.values); // what has come before there was a place for it
     makeCurves();
     redraw();
   }
