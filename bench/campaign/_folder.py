@@ -26,6 +26,8 @@ from drivers.base.errors import BenchInUse, ConfigurationError, RecordError
 from drivers.base.files import RECORD_BYTES, SETTINGS_BYTES, parse_json, read_bounded, replace_file
 
 CAMPAIGN_FILE, BENCH_FILE, JOURNAL_FILE, LOCK_FILE = "campaign.toml", "bench.json", "events.jsonl", ".lock"
+HUNT_FILE = "hunt.json"
+"""In the folder of a search for a missing effect, whose runs are chosen one after the other."""
 
 
 @dataclass(frozen=True)

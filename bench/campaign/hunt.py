@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from bench.analysis import gap
 from bench.analysis.gap import Choice, Design, Diagnosis, Outlook
 from bench.campaign._file import CampaignRun
-from bench.campaign._folder import CampaignFolder, RunState, refuse_used
+from bench.campaign._folder import HUNT_FILE, CampaignFolder, RunState, refuse_used
 from bench.lab.emulated import Plant
 from bench.record.benchfile import BenchFile
 from bench.record.events.campaign import NextRun, Sought
@@ -28,7 +28,7 @@ from drivers.base.errors import ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, parse_json, read_bounded, replace_file
 from drivers.kit.config import GyroConfig
 
-HUNT_FILE, MODEL_FILE = "hunt.json", "nominal.toml"
+MODEL_FILE = "nominal.toml"
 NO_GAP = "no gap"
 DECIDED, UNDECIDED, BUDGET = "decided", "undecided", "budget"
 _LEAST_NATS = 0.02

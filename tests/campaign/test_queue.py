@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.campaign.queue import BenchQueue, CampaignOrder, Preset, Presets, ResumeOrder, RunOrder
+from bench.campaign.queue import BenchQueue, CampaignOrder, HuntOrder, Preset, Presets, ResumeOrder, RunOrder
 from bench.campaign.queue import _work as work
 from bench.control.lease import take_lease
 from bench.lab.emulated import EmulatedLab, Plant
@@ -255,6 +255,19 @@ def test_campaigns_are_begun_and_resumed(queue, processes, campaign_path):
         ["campaign", "run", str(campaign_path), "--bench", bench, "--out", out, "--by", "Ada", "--json"],
         ["campaign", "resume", out, "--by", "Ada", "--json"],
     ]
+
+
+def test_searches_are_begun_and_gone_on_with(queue, processes, tmp_path):
+    model = tmp_path / "nominal.toml"
+    order = HuntOrder(model=model, title="search", out="search-1", budget_h=20.0, until=0.95)
+    queue.start(queue.add(order, "Ada").id, "Ada")
+    words = ["gap", "hunt", "--bench", str(queue.bench_file), "--out", str(queue.runs / "search-1")]
+    asked = ["--model", str(model), "--budget-h", "20", "--until", "0.95"]
+    assert processes.commands[0] == [*words, *asked, "--by", "Ada", "--json"]
+    processes.end(outcome="aborted", reason="Ada pressed abort", folder=str(queue.runs / "search-1"))
+    queue.work()
+    queue.start(queue.add(order.model_copy(update={"model": None}), "Bob").id, "Bob")
+    assert processes.commands[1] == [*words, "--by", "Bob", "--json"]
 
 
 def test_a_process_that_says_nothing(queue, processes):

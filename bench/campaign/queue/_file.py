@@ -52,7 +52,21 @@ class ResumeOrder(_Part):
     title: str
 
 
-Order = Annotated[RunOrder | CampaignOrder | ResumeOrder, Field(discriminator="kind")]
+class HuntOrder(_Part):
+    """A search for a missing effect in the runs folder's folder `out`; `model` None: it was begun and goes on.
+
+    `budget_h`: bench time that it may spend. `until`: probability from which an explanation counts as found.
+    """
+
+    kind: Literal["hunt"] = "hunt"
+    model: Path | None
+    title: str
+    out: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
+    budget_h: float = Field(gt=0.0, le=10_000.0)
+    until: float = Field(gt=0.5, lt=1.0)
+
+
+Order = Annotated[RunOrder | CampaignOrder | ResumeOrder | HuntOrder, Field(discriminator="kind")]
 
 
 class Started(_Part):

@@ -21,6 +21,7 @@ from bench.campaign.queue._file import (
     CampaignOrder,
     Ended,
     Hold,
+    HuntOrder,
     Item,
     Order,
     QueueState,
@@ -169,6 +170,11 @@ class BenchQueue:
         elif isinstance(order, CampaignOrder):
             out = str(self.runs / order.out)
             words = ["campaign", "run", str(order.file), "--bench", str(self.bench_file), "--out", out]
+        elif isinstance(order, HuntOrder):
+            words = ["gap", "hunt", "--bench", str(self.bench_file), "--out", str(self.runs / order.out)]
+            if order.model is not None:
+                words += ["--model", str(order.model)]
+                words += ["--budget-h", f"{order.budget_h:g}", "--until", f"{order.until:g}"]
         else:
             words = ["campaign", "resume", str(order.folder)]
         signed = ["--by", by, *(["--signed-in-as", role] if role else [])]

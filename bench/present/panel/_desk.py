@@ -11,7 +11,10 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote, urlencode
 
+from pydantic import ValidationError
+
 from bench.campaign import (
+    HUNT_FILE,
     Campaign,
     CampaignFolder,
     PlannedRun,
@@ -19,7 +22,7 @@ from bench.campaign import (
     load_campaign,
     plan_campaign,
 )
-from bench.campaign.queue import BenchQueue, CampaignOrder, Item, Order, ResumeOrder, RunOrder
+from bench.campaign.queue import BenchQueue, CampaignOrder, HuntOrder, Item, Order, ResumeOrder, RunOrder
 from bench.control.disk import free_bytes
 from bench.control.lease import lease_holder
 from bench.control.procedure import beyond_limits, find_procedure
@@ -28,9 +31,10 @@ from bench.present.panel._forms import in_words
 from bench.present.panel._texts import duration
 from bench.present.panel._words import ENDED, HELD
 from bench.record.benchfile import BenchFile, load_bench_file
+from bench.record.events.campaign import Sought
 from drivers.base.clock import utc_now
 from drivers.base.errors import BenchError, ConfigurationError, LimitExceeded
-from drivers.base.files import SETTINGS_BYTES, read_bounded
+from drivers.base.files import SETTINGS_BYTES, parse_json, read_bounded
 
 _MOST_FILES = 200
 _MOST_CAMPAIGNS = 40
@@ -86,6 +90,7 @@ class Desk:
         return {
             "bench": self.queue.bench,
             "held": None if state.held is None else HELD[state.held.why].format(by=state.held.by),
+            "look": state.held is not None and state.held.why == "ended_badly",
             "used": "" if holder is None else str(holder),
             "current": None if current is None else self._item(current) | self._live(current),
             "waiting": rows,
@@ -98,19 +103,33 @@ class Desk:
             if isinstance(order, RunOrder):
                 procedure = find_procedure(order.procedure)
                 return procedure.expected_duration_s(procedure.parse(order.parameters))
+            if isinstance(order, HuntOrder):
+                return 3600.0 * order.budget_h
             return load_campaign(_file_of(order), file).expected_duration_s()
         except BenchError:
             return None
 
     def campaign_files(self) -> list[tuple[str, str]]:
         """Return name and title of the campaign files of the folder."""
-        found = []
-        for path in sorted(self.campaigns.glob("*.toml"))[:_MOST_FILES]:
+        return [
+            (path.name, str(data["title"]))
+            for path, data in self._files("*.toml")
+            if "title" in data and "run" in data
+        ]
+
+    def model_files(self) -> list[tuple[str, str]]:
+        """Return name and title of the nominal models in the folder and in `nominal` in it, to search from."""
+        return [
+            (str(path.relative_to(self.campaigns)), str(data.get("name", "nominal")))
+            for pattern in ("*.toml", "nominal/*.toml")
+            for path, data in self._files(pattern)
+            if "effect" in data and "noise" in data
+        ]
+
+    def _files(self, pattern: str) -> Iterator[tuple[Path, dict[str, Any]]]:
+        for path in sorted(self.campaigns.glob(pattern))[:_MOST_FILES]:
             with suppress(OSError, ValueError):
-                data = tomllib.loads(read_bounded(path, SETTINGS_BYTES).decode())
-                if "title" in data and "run" in data:
-                    found.append((path.name, str(data["title"])))
-        return found
+                yield path, tomllib.loads(read_bounded(path, SETTINGS_BYTES).decode())
 
     def campaign_order(self, name: str, title: str = "") -> CampaignOrder:
         """Return the order for a campaign file of the folder; ConfigurationError for one that is not there."""
@@ -122,23 +141,47 @@ class Desk:
                 expected="one of the list",
             )
         campaign = load_campaign(self.campaigns / name, self.file)
-        stamp = utc_now()[:16].replace("-", "").replace(":", "").replace("T", "-")
-        letters = "".join(
-            letter if letter.isalnum() and letter.isascii() else "-" for letter in Path(name).stem
-        )
-        out = f"{letters.strip('-') or 'campaign'}-{stamp}"
-        taken = sum((self.queue.runs / f"{out}{tail}").exists() for tail in ("", "-2", "-3"))
         return CampaignOrder(
             file=(self.campaigns / name).resolve(),
             title=title or campaign.title,
-            out=out + (f"-{taken + 1}" if taken else ""),
+            out=self._new_folder(Path(name).stem),
         )
+
+    def hunt_order(self, name: str, budget_h: object, until: object) -> HuntOrder:
+        """Return the order for a search from a nominal model; ConfigurationError for what is none."""
+        models = dict(self.model_files())
+        if name not in models:
+            raise ConfigurationError(
+                "there is no such model", where=str(self.campaigns), found=name, expected="one of the list"
+            )
+        try:
+            return HuntOrder.model_validate(
+                {
+                    "model": (self.campaigns / name).resolve(),
+                    "title": f"search for what {models[name]} lacks",
+                    "out": self._new_folder("search"),
+                    "budget_h": budget_h,
+                    "until": until,
+                }
+            )
+        except ValidationError as error:
+            raise ConfigurationError(
+                "a search needs its bench time and a probability",
+                found=f"{budget_h} h, {until}",
+                expected="0 to 10000 h, 0.5 to 1",
+            ) from error
+
+    def _new_folder(self, name: str) -> str:
+        """Return the name of a folder that is not there yet, from a name and the time."""
+        stamp = utc_now()[:16].replace("-", "").replace(":", "").replace("T", "-")
+        letters = "".join(letter if letter.isalnum() and letter.isascii() else "-" for letter in name)
+        out = f"{letters.strip('-') or 'campaign'}-{stamp}"
+        taken = sum((self.queue.runs / f"{out}{tail}").exists() for tail in ("", "-2", "-3"))
+        return out + (f"-{taken + 1}" if taken else "")
 
     def open_campaigns(self) -> Iterator[dict[str, Any]]:
         """Yield the campaigns of this bench that were begun and are not done, newest first."""
-        queued = {
-            order.folder for item in self.queue.state().waiting if (order := item.order).kind == "resume"
-        }
+        queued = {_folder_of(item.order, self.queue.runs) for item in self.queue.state().waiting}
         with suppress(OSError):
             folders = [path for path in self.queue.runs.iterdir() if (path / "campaign.toml").is_file()]
             folders.sort(key=lambda path: path.stat().st_mtime, reverse=True)
@@ -149,11 +192,8 @@ class Desk:
                     folder = CampaignFolder(path)
                     states = folder.states()
                     done = sum(state.state == "done" for state in states)
-                    if (
-                        folder.file.bench.name == self.queue.bench
-                        and folder.plant is None
-                        and done < len(states)
-                    ):
+                    going_on = done < len(states) or _searches_on(folder)
+                    if folder.file.bench.name == self.queue.bench and folder.plant is None and going_on:
                         yield {
                             "folder": path.name,
                             "title": folder.campaign.title,
@@ -167,9 +207,12 @@ class Desk:
         run = {"name": "run", "procedure": order.procedure, "parameters": order.parameters}
         return Campaign.model_validate({"title": order.procedure, "run": [run]})
 
-    def estimate(self, order: RunOrder | CampaignOrder) -> dict[str, Any]:
+    def estimate(self, order: RunOrder | CampaignOrder | HuntOrder) -> dict[str, Any]:
         """Return the plan by the procedures' own estimates; BenchError for what may not be."""
         file = self.file
+        if isinstance(order, HuntOrder):
+            budget_s = 3600.0 * order.budget_h
+            return {"duration_s": budget_s, "length": f"at most {duration(budget_s)}", "fits": True}
         campaign = self.campaign_of(order)
         for run in campaign.runs:
             run.test.check_bench(file)
@@ -222,6 +265,11 @@ class Desk:
                 f"campaign {order.file.name}, into {order.out}",
                 {"campaign": order.file.name},
             )
+        elif isinstance(order, HuntOrder):
+            how = (
+                f"up to {order.budget_h:g} h of bench time, until {order.until:g} probable, into {order.out}"
+            )
+            title, detail, again = order.title, how if order.model else f"go on in {order.out}", {}
         else:
             title, detail, again = order.title, f"resume the campaign in {order.folder.name}", {}
         return {
@@ -265,10 +313,20 @@ def chamber_words(conditioned_s: float) -> str:
     return f"on for {duration(conditioned_s)}" if conditioned_s else "not used"
 
 
-def resume_order(runs: Path, name: str) -> ResumeOrder:
-    """Return the order that goes on with a campaign in the runs folder; ConfigurationError if it is none."""
+def resume_order(runs: Path, name: str) -> ResumeOrder | HuntOrder:
+    """Return the order that goes on with a campaign or a search; ConfigurationError for what is none."""
     if name in ("", ".", "..") or "/" in name:
         raise ConfigurationError("this is no campaign of the runs folder", found=name)
+    if (runs / name / HUNT_FILE).exists():
+        parts = {"model": None, "title": CampaignFolder(runs / name).campaign.title, "out": name}
+        try:
+            asked = parse_json(read_bounded(runs / name / HUNT_FILE, SETTINGS_BYTES))
+            kept = {key: value for key, value in asked.items() if key in ("budget_h", "until")}
+            return HuntOrder.model_validate(parts | kept)
+        except (OSError, ValueError, AttributeError) as error:  # a ValidationError is a ValueError
+            raise ConfigurationError(
+                "the search cannot go on", where=str(runs / name / HUNT_FILE), found=str(error)
+            ) from error
     return ResumeOrder(folder=runs / name, title=CampaignFolder(runs / name).campaign.title)
 
 
@@ -276,6 +334,19 @@ def repeated(manifest_parameters: Mapping[str, Any], procedure: str) -> dict[str
     """Return a recorded run's parameters that the procedure still knows."""
     known = find_procedure(procedure).parameters.model_fields
     return {name: value for name, value in manifest_parameters.items() if name in known}
+
+
+def _searches_on(folder: CampaignFolder) -> bool:
+    """Return whether a folder is that of a search that has not ended."""
+    ended = any(isinstance(event, Sought) and event.ended for _, event in folder.events())
+    return (folder.path / HUNT_FILE).exists() and not ended
+
+
+def _folder_of(order: Order, runs: Path) -> Path | None:
+    """Return the folder that an order goes on in, None for one that begins a new one."""
+    if isinstance(order, ResumeOrder):
+        return order.folder
+    return runs / order.out if isinstance(order, HuntOrder) and order.model is None else None
 
 
 def _file_of(order: CampaignOrder | ResumeOrder) -> Path:

@@ -10,7 +10,16 @@ from typing import Any, cast
 from fastapi import Request
 from fastapi.responses import JSONResponse, RedirectResponse, Response
 
-from bench.campaign.queue import BenchQueue, CampaignOrder, Order, Preset, Presets, QueueState, RunOrder
+from bench.campaign.queue import (
+    BenchQueue,
+    CampaignOrder,
+    HuntOrder,
+    Order,
+    Preset,
+    Presets,
+    QueueState,
+    RunOrder,
+)
 from bench.control.operators import Signature
 from bench.control.procedure import find_procedure, load_procedures
 from bench.present.panel._access import visit_of
@@ -93,6 +102,7 @@ class Desks:
             problem=problem,
             presets=self._of_procedure(procedure),
             campaigns=desk.campaign_files(),
+            models=desk.model_files(),
             resumable=list(desk.open_campaigns()),
         )
 
@@ -123,6 +133,10 @@ class Desks:
         """Return the plan of an order by rehearsal."""
         try:
             desk, order = self._asked(name, asked)
+            if isinstance(order, HuntOrder):
+                raise ConfigurationError(
+                    "a search chooses each run from what the runs before it tell: it cannot be rehearsed"
+                )
             known = desk.estimate(order)
             return JSONResponse(known | await self._rehearsals.plan(order, desk.queue.bench_file))
         except _WrongForm as wrong:
@@ -211,9 +225,11 @@ class Desks:
             return procedure, saved.parameters
         return procedure, {}
 
-    def _asked(self, name: str, asked: Mapping[str, Any]) -> tuple[Desk, RunOrder | CampaignOrder]:
+    def _asked(
+        self, name: str, asked: Mapping[str, Any]
+    ) -> tuple[Desk, RunOrder | CampaignOrder | HuntOrder]:
         order = self._order(name, asked)
-        if not isinstance(order, RunOrder | CampaignOrder):
+        if not isinstance(order, RunOrder | CampaignOrder | HuntOrder):
             raise ConfigurationError("a campaign that was begun has no plan any more", found=order.title)
         return self._desk(name), order
 
@@ -222,6 +238,8 @@ class Desks:
         desk = self._desk(name)
         if campaign := str(asked.get("campaign") or ""):
             return desk.campaign_order(campaign)
+        if model := str(asked.get("model") or ""):
+            return desk.hunt_order(model, asked.get("budget_h"), asked.get("until"))
         if resume := str(asked.get("resume") or ""):
             return resume_order(desk.queue.runs, resume)
         procedure, typed = find_procedure(str(asked.get("procedure"))), asked.get("typed")

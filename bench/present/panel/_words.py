@@ -7,7 +7,7 @@ from bench.campaign.queue import QueueState
 HELD = {
     "new": "The queue is held: nothing starts by itself.",
     "operator": "{by} holds the queue: nothing starts by itself.",
-    "ended_badly": "The queue is held because the last item did not end well. Look at why before the next.",
+    "ended_badly": "The queue is held: the last item did not end well. What has ended, below, says why.",
     "left_alone": "The queue is held: no panel looked after it for a while, and nobody may expect a start.",
 }
 """`Hold.why` -> what the page says."""

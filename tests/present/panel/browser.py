@@ -40,6 +40,9 @@ NEEDED = [
     pytest.mark.slow,
 ]
 
+WIDTHS = pytest.mark.parametrize("width", [1280, 390])
+"""A desk's screen and a phone's, in px."""
+
 
 def until(condition, what: str) -> None:
     """Wait for a condition outside of the browser."""

@@ -19,6 +19,7 @@ from tests.present.panel.browser import (
     FLAGS,
     NEEDED,
     PATIENCE_S,
+    WIDTHS,
     Panel,
     browser_page,
     until,
@@ -54,7 +55,8 @@ def session(panel: Panel, tmp_path: Path) -> Iterator[subprocess.Popen]:
     log.close()
 
 
-def test_an_operator_sees_answers_and_aborts(panel: Panel, session: subprocess.Popen) -> None:
+@WIDTHS
+def test_an_operator_sees_answers_and_aborts(panel: Panel, session: subprocess.Popen, width: int) -> None:
     from playwright.sync_api import expect, sync_playwright
 
     run = panel.runs / "turn"
@@ -63,7 +65,7 @@ def test_an_operator_sees_answers_and_aborts(panel: Panel, session: subprocess.P
     expect.set_options(timeout=patience_ms)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=BROWSER, args=FLAGS)
-        context = browser.new_context(viewport={"width": 1280, "height": 900})
+        context = browser.new_context(viewport={"width": width, "height": 900})
         context.set_default_timeout(patience_ms)
         context.on("request", lambda request: requested.append(request.url))
         page = context.new_page()
@@ -160,7 +162,8 @@ def test_every_page_has_the_strip_of_all_benches(panel: Panel) -> None:
         expect(page.get_by_test_id("state")).to_have_text("Not here")
 
 
-def test_one_benchs_malformed_live_file_stops_no_other_page(panel: Panel) -> None:
+@WIDTHS
+def test_one_benchs_malformed_live_file_stops_no_other_page(panel: Panel, width: int) -> None:
     """Twenty live files that no session writes, one after the other, beside a bench that goes on."""
     from playwright.sync_api import expect
 
@@ -172,7 +175,7 @@ def test_one_benchs_malformed_live_file_stops_no_other_page(panel: Panel) -> Non
         {"alarms": {"a": 1}}, {"alarms": [1]}, {"prompts": 7}, {"state": ["running"]}, {"utc": 5},
         {"time_s": 1e300}, {"time_s": "now"}, {"safe": 3}, {"error": [1]}, {"left_s": {}}, {"step": None},
     ]  # fmt: skip
-    with browser_page() as page:
+    with browser_page(width) as page:
         page.goto(f"{panel.url}?session=well")
         for number, fields in enumerate(wrong):
             write_now(panel.runs / "ill", "ill", **fields)
@@ -184,12 +187,13 @@ def test_one_benchs_malformed_live_file_stops_no_other_page(panel: Panel) -> Non
             expect(page.locator("[data-benches]")).not_to_contain_text("Cannot be read")
 
 
-def test_alarms_stay_until_somebody_has_seen_them_by_name(panel: Panel) -> None:
+@WIDTHS
+def test_alarms_stay_until_somebody_has_seen_them_by_name(panel: Panel, width: int) -> None:
     from playwright.sync_api import expect
 
     alarm = {"time_s": 5.0, "kind": "alarm", "device": "chamber", "text": "door open", "run": "one"}
     write_now(panel.runs / "lot", "lot", alarms=[alarm])
-    with browser_page(390) as page:
+    with browser_page(width) as page:
         page.goto(panel.url)
         strip, list_ = page.locator("[data-benches]"), page.locator("[data-list=alarms]")
         expect(strip).to_contain_text("1 alarm not seen")
@@ -206,7 +210,7 @@ def test_alarms_stay_until_somebody_has_seen_them_by_name(panel: Panel) -> None:
         page.get_by_test_id("acknowledge").click()
         expect(strip).not_to_contain_text("not seen")
         expect(list_).to_contain_text("seen by Ada")
-        page.wait_for_function("document.documentElement.scrollWidth <= 390")
+        page.wait_for_function("document.documentElement.scrollWidth <= width")
 
 
 def test_there_need_not_be_a_runs_folder_yet(tmp_path: Path) -> None:
@@ -227,14 +231,15 @@ def test_there_need_not_be_a_runs_folder_yet(tmp_path: Path) -> None:
         found.kill()
 
 
+@WIDTHS
 def test_after_a_kill_the_page_says_what_the_watchdog_has_done(
-    panel: Panel, tmp_path: Path, monkeypatch
+    panel: Panel, tmp_path: Path, monkeypatch, width: int
 ) -> None:
     """The runner is killed with the table at 10 deg/s; the watchdog brings it to rest, and the page says so."""
     from playwright.sync_api import expect
 
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    with EmulatedLab(load_bench_file(DEMO), Plant(), clock="wall") as lab, browser_page() as page:
+    with EmulatedLab(load_bench_file(DEMO), Plant(), clock="wall") as lab, browser_page(width) as page:
         command = [sys.executable, str(PROGRAM), str(panel.runs)]
         process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
         assert process.stdin is not None

@@ -37,6 +37,7 @@ from bench.record.events.run import (
     Requested,
 )
 from bench.record.events.safe import LastSeen, SafeState, Takeover, TakeoverEnded
+from drivers.base.clock import host_seconds
 from drivers.base.errors import ConfigurationError
 
 # Curves
@@ -577,6 +578,46 @@ def test_a_value_that_no_longer_comes_leaves_a_gap_in_its_curve(runs: Path) -> N
     for column, name in enumerate(names):
         nothing = [row[0] for row in rows if row[1 + 2 * column] is None]
         assert nothing == ([] if name == "table rate" else [second + 0.5 for second in range(10, 30)])
+
+
+def test_what_came_while_nobody_looked_is_in_the_curve_when_somebody_looks_again(
+    runs: Path, monkeypatch
+) -> None:
+    """A panel reads no session that no page shows; a table that turned meanwhile did not rest."""
+    watch = watch_of(runs)
+    write_now(runs / "one", runs / "one", 1.0, table={"rate_dps": 0.0})
+    watch.update()
+    with (runs / "one" / "live" / "history.jsonl").open("w") as file:
+        for second in range(1, 60):
+            rate_dps = 7.0 if 20 <= second < 40 else 0.0
+            row = {
+                "time_s": second,
+                "rate_dps": rate_dps,
+                "air_temp_c": 21.0,
+                "gyros": {"g": [rate_dps, 30.0]},
+            }
+            file.write(json.dumps(row) + "\n")
+    later_s = host_seconds() + 60.0
+    monkeypatch.setattr("bench.present.panel._watch.host_seconds", lambda: later_s)
+    write_now(runs / "one", runs / "one", 59.5, table={"rate_dps": 0.0})
+    watch.update()
+    turned = [row[0] for row in watch.snapshot()["levels"]["run"]["rows"] if row[6] == 7.0]
+    assert turned == [second + 0.5 for second in range(20, 40)]
+
+
+def test_a_bench_is_followed_from_session_to_session(runs: Path) -> None:
+    """Asked for a bench, the watch shows its newest session, never another bench's."""
+    folder = RunsFolder(runs)
+    watch = Watch(folder, Benches(folder), bench="east")
+    watch.update()
+    assert watch.session is None and "on east" in watch.news()["banner"]["happened"]
+    for name, bench, shown in (("a", "east", "a"), ("b", "west", "a"), ("c", "east", "c")):
+        run = {"folder": str(runs / "one"), "run_id": name, "units": {}, "bench": bench}
+        ended = {"state": "ended", "outcome": "completed"} if name == "a" else {}
+        write_now(runs / name, runs / "one", 1.0, run=run, **ended)
+        watch._look_at = watch.benches._next_at = watch.benches._look_at = 0.0
+        watch.update()
+        assert watch.session is not None and watch.session.path.name == shown
 
 
 def test_another_process_with_the_number_of_one_that_was_killed_is_not_it(runs: Path) -> None:

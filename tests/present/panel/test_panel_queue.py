@@ -17,7 +17,7 @@ from bench.lab.emulated import EmulatedLab, Plant
 from bench.record.benchfile import bench_file_from, bench_file_text, load_bench_file
 from bench.record.recording import read_manifest
 from tests.benches import FOG_BENCH
-from tests.present.panel.browser import NEEDED, PATIENCE_S, Panel, browser_page, until
+from tests.present.panel.browser import NEEDED, PATIENCE_S, WIDTHS, Panel, browser_page, until
 
 pytestmark = [*NEEDED, pytest.mark.concurrent]
 CAMPAIGN = """
@@ -98,10 +98,11 @@ def fits_the_screen(page) -> None:
     assert small == [] and nameless == []
 
 
-def test_an_operator_plans_starts_leaves_comes_back_aborts_and_repeats(bench: Bench) -> None:
+@WIDTHS
+def test_an_operator_plans_starts_leaves_comes_back_aborts_and_repeats(bench: Bench, width: int) -> None:
     from playwright.sync_api import expect
 
-    with browser_page() as page:
+    with browser_page(width) as page:
         page.goto(bench.panel.url)
         expect(page.locator("[data-banner]")).to_contain_text("Queue, above")
         page.get_by_role("link", name="Queue").click()
@@ -130,6 +131,7 @@ def test_an_operator_plans_starts_leaves_comes_back_aborts_and_repeats(bench: Be
         expect(page.locator("[data-said]")).to_contain_text("Type your name")
         page.get_by_test_id("name").fill("Ada")
         page.get_by_test_id("start-now").click()
+        expect(page.locator("#sure-head")).to_have_text(f"Start constant-rotation on {bench.queue.bench}?")
         expect(page.locator("[data-sure-body]")).to_contain_text("nothing real moves")
         page.get_by_test_id("start-yes").click()
         page.get_by_role("link", name="Watch it").click()
@@ -146,7 +148,7 @@ def test_an_operator_plans_starts_leaves_comes_back_aborts_and_repeats(bench: Be
     started = bench.queue.state().current.started
     assert (started.by, started.pid) == ("Ada", read_now(run)["pid"])
 
-    with browser_page() as page:
+    with browser_page(width) as page:
         page.goto(bench.address)
         page.get_by_role("link", name="Watch it").click()
         page.wait_for_function("window.gyrobench?.messages > 0")
@@ -155,14 +157,13 @@ def test_an_operator_plans_starts_leaves_comes_back_aborts_and_repeats(bench: Be
         page.get_by_test_id("abort-now").click()
         expect(page.get_by_test_id("state")).to_have_text("Aborted")
         page.goto(bench.address)
-        page.get_by_text("What has ended").click()
+        expect(page.locator("[data-ended]")).to_be_visible()  # it says why the queue is held
         expect(page.locator("[data-ended]")).to_contain_text("aborted")
         expect(page.locator("[data-held]")).to_contain_text("did not end well")
         with page.expect_navigation():
             page.locator("[data-ended]").get_by_role("link", name="Report").click()
         expect(page.locator("body")).to_contain_text("Run aborted")
         page.goto(bench.address)
-        page.get_by_text("What has ended").click()
         page.locator("[data-ended]").get_by_role("link", name="Repeat").click()
         expect(page.locator("#p-rate_dps")).to_have_value("12")
         expect(page.locator("#p-turns")).to_have_value("10000")
@@ -174,10 +175,11 @@ def test_an_operator_plans_starts_leaves_comes_back_aborts_and_repeats(bench: Be
     )
 
 
-def test_a_queue_is_put_in_order_held_and_let_go(bench: Bench) -> None:
+@WIDTHS
+def test_a_queue_is_put_in_order_held_and_let_go(bench: Bench, width: int) -> None:
     from playwright.sync_api import expect
 
-    with browser_page(390) as page:
+    with browser_page(width) as page:
         page.goto(bench.form("constant-rotation"))
         fits_the_screen(page)
         page.get_by_test_id("name").fill("Bob")
@@ -210,10 +212,11 @@ def test_a_queue_is_put_in_order_held_and_let_go(bench: Bench) -> None:
     assert not list(bench.panel.runs.glob("*/manifest.json"))
 
 
-def test_presets_keep_parameters_under_a_name(bench: Bench) -> None:
+@WIDTHS
+def test_presets_keep_parameters_under_a_name(bench: Bench, width: int) -> None:
     from playwright.sync_api import expect
 
-    with browser_page() as page:
+    with browser_page(width) as page:
         page.goto(bench.form("known-state"))
         page.get_by_test_id("name").fill("Ada")
         page.locator("#p-angle_deg").fill("45")
@@ -229,10 +232,11 @@ def test_presets_keep_parameters_under_a_name(bench: Bench) -> None:
         expect(preset).to_have_count(0)
 
 
-def test_a_campaign_is_planned_run_and_certified_from_the_browser(bench: Bench) -> None:
+@WIDTHS
+def test_a_campaign_is_planned_run_and_certified_from_the_browser(bench: Bench, width: int) -> None:
     from playwright.sync_api import expect
 
-    with browser_page() as page:
+    with browser_page(width) as page:
         page.goto(bench.address)
         page.get_by_test_id("name").fill("Ada")
         page.get_by_test_id("campaign").select_option("turns.toml")
@@ -254,10 +258,11 @@ def test_a_campaign_is_planned_run_and_certified_from_the_browser(bench: Bench) 
     assert read_manifest(folder / "runs" / "turn").outcome == "completed"
 
 
-def test_the_bench_by_hand_turns_stops_refuses_and_ends(bench: Bench) -> None:
+@WIDTHS
+def test_the_bench_by_hand_turns_stops_refuses_and_ends(bench: Bench, width: int) -> None:
     from playwright.sync_api import expect
 
-    with browser_page(390) as page:
+    with browser_page(width) as page:
         page.goto(bench.form("manual"))
         page.get_by_test_id("name").fill("Ada")
         page.get_by_test_id("start-now").click()
@@ -266,15 +271,21 @@ def test_the_bench_by_hand_turns_stops_refuses_and_ends(bench: Bench) -> None:
         expect(page.get_by_test_id("state")).to_have_text("By hand")
         expect(page.get_by_test_id("question")).to_have_count(0)
         expect(page.get_by_test_id("name")).to_have_value("Ada")
+        for nothing in ("", "fast", "nan"):
+            page.get_by_test_id("order-spin").fill(nothing)
+            page.get_by_role("button", name="Spin").click()
+            expect(page.get_by_text("type a number first").last).to_be_visible()
+        expect(page.locator(".by-hand")).to_contain_text("at most 10 either way")
         page.get_by_test_id("order-spin").fill("5")
         page.get_by_role("button", name="Spin").click()
         page.wait_for_function("document.querySelector('[data-live=rate]').textContent.startsWith('+5.0')")
         page.get_by_test_id("order-spin").fill("12")
         page.get_by_test_id("order-spin").press("Enter")
         expect(page.locator("[data-live=last]")).to_contain_text("more than this run may order")
+        expect(page.locator("[data-live=last]")).to_have_class(re.compile("wrong"))
         page.get_by_role("button", name="Stop the table").click()
         page.wait_for_function("/^[+−]0\\.00/.test(document.querySelector('[data-live=rate]').textContent)")
-        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
         page.get_by_role("button", name="End", exact=True).click()
         expect(page.get_by_test_id("state")).to_have_text("Completed")
         expect(page.locator(".by-hand")).to_be_hidden()

@@ -38,17 +38,19 @@ def hunt(
     seed: options.Seed = None,
     report: Annotated[Path | None, Option(help="HTML report of the last diagnosis")] = None,
     yes: options.Yes = False,
+    by: options.By = "",
+    signed_in_as: options.SignedIn = "",
     as_json: options.JsonLines = False,
 ) -> None:
     """Find the missing effect by runs that the search chooses.
 
     It chooses the run that tells most per hour, makes it, diagnoses, and goes on until it knows enough.
     """
-    from bench.campaign import CampaignRunner, resume_campaign
-    from bench.campaign.hunt import HUNT_FILE, Hunt, HuntSettings, begin_hunt
+    from bench.campaign import HUNT_FILE, CampaignRunner, resume_campaign
+    from bench.campaign.hunt import Hunt, HuntSettings, begin_hunt
     from bench.lab.emulated import load_plant
     from bench.present.cli._display import RunDisplay
-    from bench.present.cli._shown_run import console_operator, say_result
+    from bench.present.cli._shown_run import console_operator, say_result, signature
     from bench.record.benchfile import load_bench_file
 
     console = Terminal(as_json=as_json)
@@ -85,7 +87,13 @@ def hunt(
 
     operator = None if as_json else console_operator(console)
     ending = CampaignRunner(
-        search.folder, operator, yes, partial(RunDisplay, console), said, further=further
+        search.folder,
+        operator,
+        yes,
+        partial(RunDisplay, console),
+        said,
+        signature(by, signed_in_as),
+        further=further,
     ).run()
     if report is not None and search.diagnosis is not None:
         _write_page(report, search)

@@ -5,6 +5,7 @@
   const queue = document.body.dataset.queue;
   const form = place("[data-run]");
   const campaign = place("[data-campaign] select");
+  const hunt = place("[data-hunt]");
   const field = place("#name");
   let view = {};
   let shown = "";
@@ -142,7 +143,6 @@
     shown = text;
     if (!found.bench) return void say(found.problem);
     if (found.problem || view.problem) say(found.problem);
-    view = found;
     const held = place("[data-held]");
     const used = found.used ? ` The bench is in use: ${found.used}.` : "";
     setText(held, (found.held || (found.waiting.length ? "The queue goes: what is due starts by itself." : "")) + used);
@@ -153,13 +153,17 @@
     const nothing = element("li", "none", found.current ? "Nothing waits behind it." : "Nothing waits. Choose a procedure or a campaign below.");
     place("[data-waiting]").replaceChildren(...(rows.length ? rows : [nothing]));
     place("[data-ended]").replaceChildren(...found.ended.map(ended));
-    place("[data-ended-box]").hidden = !found.ended.length;
+    const box = place("[data-ended-box]");
+    box.hidden = !found.ended.length;
+    if (found.look && !view.look) box.open = true;
+    view = found;
   }
 
   // The form and its plan
 
   function order() {
     if (campaign?.value) return { campaign: campaign.value };
+    if (hunt?.elements.model.value) return Object.fromEntries(new FormData(hunt));
     if (!form) return null;
     return { procedure: form.dataset.procedure, typed: Object.fromEntries(new FormData(form)) };
   }
@@ -184,9 +188,9 @@
       facts.append(row);
     };
     const end = new Date(Date.now() + 1000 * found.duration_s);
-    fact("Takes", `${rehearsed ? "" : "about "}${found.length}, until ${clock(end)} if it began now`);
-    fact("Chamber", found.chamber);
-    fact("On disk", `${rehearsed ? "" : "about "}${size(found.bytes)}${found.free ? ` of ${size(found.free)} free` : ""}`);
+    fact("Takes", `${rehearsed || !found.chamber ? "" : "about "}${found.length}, until ${clock(end)} if it began now`);
+    if (found.chamber) fact("Chamber", found.chamber);
+    if (found.bytes) fact("On disk", `${rehearsed ? "" : "about "}${size(found.bytes)}${found.free ? ` of ${size(found.free)} free` : ""}`);
     for (const [name, value, limit, unit] of found.extremes || []) fact(name, `${value} ${unit} (this bench allows ${limit})`);
     box.append(facts);
     if (found.fits === false) box.append(element("p", "wrong", "It does not fit on the disk."));
@@ -203,6 +207,8 @@
         steps.append(row);
       }
       box.append(steps);
+    } else if (hunt?.elements.model.value && !campaign?.value) {
+      box.append(element("p", "hint", "Each run is chosen from what the runs before it tell, within this bench's limits. It asks as every run does."));
     } else {
       box.append(element("p", "hint", "By the procedure's own estimate. A rehearsal on an emulated lab also tells the steps and what will be asked."));
     }
@@ -216,6 +222,7 @@
       const press = place(`[data-do="${name}"]`);
       if (press) press.disabled = !ready;
     }
+    place('[data-do="rehearse"]').hidden = Boolean(order()?.model);
   }
 
   async function estimate() {
@@ -255,13 +262,22 @@
 
   let starting = null;
 
+  // What is chosen, in a word.
+  function what() {
+    const chosen = campaign?.value ? campaign : hunt?.elements.model.value ? hunt.elements.model : null;
+    if (!chosen) return form.dataset.procedure;
+    return (chosen === campaign ? "the campaign " : "a search from ") + chosen.selectedOptions[0].textContent.replace(/^[^:]*: /, "");
+  }
+
   function sure(item) {
     starting = item;
+    setText(place("#sure-head"), `Start ${item?.title ?? what()} on ${view.bench}?`);
     const body = place("[data-sure-body]");
     const text = item ? `${item.title}, ${item.detail}: ${item.length}.` : "";
     body.replaceChildren(...(item ? [element("p", "", text)] : plan ? [plan.cloneNode(true)] : []));
     body.append(element("p", "warn", document.body.classList.contains("emulated") ? "The lab is emulated: nothing real moves." : "Table and chamber will move. Is the bench ready, the unit mounted, nobody near the table?"));
     place("[data-sure]").showModal();
+    place("[data-sure-body]").scrollTo(0, 0);
   }
 
   async function start() {
@@ -280,14 +296,28 @@
     }
   }
 
+  // One thing at a time: what is typed or chosen last.
+  function choose(last) {
+    for (const other of [campaign, hunt?.elements.model]) if (other && other !== last) other.value = "";
+  }
+
   let pause = 0;
   form?.addEventListener("input", () => {
-    if (campaign) campaign.value = "";
+    choose(null);
     clearTimeout(pause);
     pause = setTimeout(estimate, 250);
   });
   form?.addEventListener("submit", (event) => event.preventDefault());
-  campaign?.addEventListener("change", estimate);
+  campaign?.addEventListener("change", () => {
+    choose(campaign);
+    estimate();
+  });
+  hunt?.addEventListener("input", () => {
+    choose(hunt.elements.model);
+    clearTimeout(pause);
+    pause = setTimeout(estimate, 250);
+  });
+  hunt?.addEventListener("submit", (event) => event.preventDefault());
   const choice = place("[data-submit]");
   choice.addEventListener("change", () => choice.form.submit());
   if (choice.value && choice.value !== form?.dataset.procedure) choice.form.submit(); // chosen before this script ran
