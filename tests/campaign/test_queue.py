@@ -313,6 +313,20 @@ def test_presets_have_a_name_within_their_procedure(tmp_path):
 
 @pytest.mark.concurrent
 @pytest.mark.slow
+def same_bytes(*folders):
+    """Check that the one run of each folder received and noted the same."""
+    recorded = []
+    for runs in folders:
+        (run,) = runs.glob("*/manifest.json")
+        raw = {path.name: path.read_bytes() for path in (run.parent / "raw").iterdir()}
+        events = [json.loads(line) for line in (run.parent / "events.jsonl").read_text().splitlines()]
+        recorded.append((raw, events))
+    (one, one_events), (other, other_events) = recorded
+    assert one.keys() == other.keys() and any(len(content) > 10_000 for content in one.values())
+    assert [name for name in one if one[name] != other[name]] == []
+    assert one_events == other_events
+
+
 def test_a_run_from_the_queue_is_byte_for_byte_the_one_from_the_command_line(bench_file, tmp_path, gyrobench):
     """The same seed, two fresh labs: one run is typed, the other comes from the queue."""
     recorded = []
@@ -342,11 +356,5 @@ def test_a_run_from_the_queue_is_byte_for_byte_the_one_from_the_command_line(ben
                     queue.work()
                     select.select([], [], [], 0.05)
                 assert state.ended[0].ended.outcome == "completed", state.ended[0].ended
-        (run,) = runs.glob("*/manifest.json")
-        raw = {path.name: path.read_bytes() for path in (run.parent / "raw").iterdir()}
-        events = [json.loads(line) for line in (run.parent / "events.jsonl").read_text().splitlines()]
-        recorded.append((raw, events))
-    (typed, typed_events), (queued, queued_events) = recorded
-    assert typed.keys() == queued.keys() and any(len(content) > 10_000 for content in typed.values())
-    assert [name for name in typed if typed[name] != queued[name]] == []
-    assert typed_events == queued_events
+        recorded.append(runs)
+    same_bytes(*recorded)

@@ -71,7 +71,7 @@ def test_axe_finds_nothing_serious_on_any_page(bench: Bench) -> None:
             expect(page.get_by_test_id("start-now")).to_be_enabled()
             page.get_by_test_id("start-now").click()
             look("queue, start asked", "dialog")
-            for name in ("history", "operators"):
+            for name in ("history", "trends", "operators", "?bench=none"):
                 page.goto(bench.panel.url + name)
                 look(name)
     assert not found, "\n".join(f"{where}: {text}" for where, texts in found.items() for text in texts)

@@ -3,6 +3,8 @@
 import json
 import os
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +19,7 @@ from bench.lab.emulated import EmulatedLab, Plant
 from bench.record.benchfile import bench_file_from, bench_file_text, load_bench_file
 from bench.record.recording import read_manifest
 from tests.benches import FOG_BENCH
+from tests.campaign.test_queue import same_bytes
 from tests.present.panel.browser import NEEDED, PATIENCE_S, WIDTHS, Panel, browser_page, until
 
 pytestmark = [*NEEDED, pytest.mark.concurrent]
@@ -173,6 +176,52 @@ def test_an_operator_plans_starts_leaves_comes_back_aborts_and_repeats(bench: Be
         1e4,
         60.0,
     )
+
+
+@WIDTHS
+def test_a_run_started_in_the_browser_is_byte_for_byte_the_typed_one(
+    bench: Bench, tmp_path: Path, width: int
+) -> None:
+    """Two fresh labs of the same seed: one run is typed in the form, the other on the command line."""
+    from playwright.sync_api import expect
+
+    with browser_page(width) as page:
+        page.goto(bench.form("known-state"))
+        page.get_by_test_id("name").fill("Ada")
+        page.locator("#p-angle_deg").fill("30")
+        page.locator("#p-air_c").fill("31.5")
+        expect(page.locator("[data-plan-body]")).to_contain_text("31.5 °C")
+        page.get_by_test_id("start-now").click()
+        page.get_by_test_id("start-yes").click()
+        expect(page.locator("[data-ended]")).to_contain_text("completed")
+    typed = tmp_path / "typed.toml"
+    with EmulatedLab(
+        load_bench_file(tmp_path / "plain.toml"), Plant(seed=5), clock="virtual", apart=True
+    ) as lab:
+        typed.write_text(bench_file_text(bench_file_from(lab.file.model_dump(mode="json"))))
+        words = (
+            "run",
+            "known-state",
+            "--bench",
+            str(typed),
+            "--runs",
+            str(tmp_path / "typed"),
+            "--by",
+            "Ada",
+        )
+        command = [
+            sys.executable,
+            "-P",
+            "-m",
+            "gyrobench",
+            *words,
+            "--set",
+            "angle_deg=30",
+            "--set",
+            "air_c=31.5",
+        ]
+        subprocess.run([*command, "--json"], check=True, stdout=subprocess.DEVNULL, timeout=PATIENCE_S)
+    same_bytes(bench.panel.runs, tmp_path / "typed")
 
 
 @WIDTHS
