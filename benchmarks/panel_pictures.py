@@ -22,12 +22,11 @@ from bench.lab.emulated import EmulatedLab, Plant
 from bench.record.benchfile import BenchFile, bench_file_text, load_bench_file
 from bench.record.recording import read_manifest, seal
 from bench.record.run_notes import add_note
-from benchmarks.panel import panel
+from benchmarks.panel import CHROMIUM_FLAGS, panel
 from drivers.base.clock import WallClock
 
 ROOT = Path(__file__).parents[1]
 IMAGES = ROOT / "docs" / "images"
-_FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"]
 _BY = "Ada"
 _UNITS = ("FOG-001", "FOG-002")
 _SHORT = {
@@ -47,7 +46,7 @@ def main() -> int:
     from playwright.sync_api import sync_playwright
 
     with tempfile.TemporaryDirectory(prefix="gyrobench-pictures-") as scratch, sync_playwright() as player:
-        chromium = player.chromium.launch(executable_path=browser, args=_FLAGS)
+        chromium = player.chromium.launch(executable_path=browser, args=CHROMIUM_FLAGS)
         runs, bench = Path(scratch) / "runs", Path(scratch) / "bench.toml"
         file = load_bench_file(ROOT / "examples" / "demo.toml")
         shutil.copy(ROOT / "examples" / "cold_shock_campaign.toml", scratch)

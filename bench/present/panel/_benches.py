@@ -70,7 +70,7 @@ class Benches:
         """Return the session that a page shows which asks for none, or for a bench: what needs somebody, else the
         newest.
         """
-        there = [one for group in self._groups().values() for one in self._shown(group)]
+        there = [one for group in self.groups().values() for one in self._shown(group)]
         there = [one for one in there if not bench or one.bench == bench]
         there.sort(key=self.sessions.index)
         there.sort(key=lambda one: (not one.needs_somebody, not one.alive))
@@ -78,7 +78,7 @@ class Benches:
 
     def waits_to_be_seen(self, path: Path) -> bool:
         """Return whether that session is the newest of its bench and ended badly, unseen: pages stay with it."""
-        there = [one for group in self._groups().values() for one in self._shown(group)]
+        there = [one for group in self.groups().values() for one in self._shown(group)]
         return any(one.path == path and one.needs_somebody for one in there)
 
     def link(self, session: Session) -> str:
@@ -97,7 +97,7 @@ class Benches:
             self._strip = (self.version, self._made())
         return self._strip[1]
 
-    def _groups(self) -> dict[tuple[str, bool], list[Session]]:
+    def groups(self) -> dict[tuple[str, bool], list[Session]]:
         """Return the sessions of each bench, newest first."""
         groups: dict[tuple[str, bool], list[Session]] = {}
         for session in self.sessions:
@@ -110,7 +110,7 @@ class Benches:
         return [one for one in group if one.alive or one.problem] or group[:1]
 
     def _made(self) -> list[dict[str, Any]]:
-        entries = {bench: self._entries(group) for bench, group in self._groups().items()}
+        entries = {bench: self._entries(group) for bench, group in self.groups().items()}
         names = {entry["name"] for shown in entries.values() for entry in shown}
         for name, queue in self._folder.queues.items():
             if name not in names:

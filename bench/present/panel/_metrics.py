@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -18,6 +17,7 @@ from bench.present.panel._benches import Benches
 from bench.present.panel._desk_routes import Desks
 from bench.present.panel._folders import RunsFolder
 from bench.present.panel._session import Session
+from bench.present.panel._values import fresh, number_of
 
 STATES = ("starting", "running", "asking", "paused", "ended", "lost", "unreadable")
 """States of a session; `lost`: its process is gone without a word, `unreadable`: its live file is none."""
@@ -71,12 +71,8 @@ class Metrics:
 
     def _shown(self) -> Iterator[tuple[tuple[str, str], Session]]:
         """Yield the session of each bench that goes on, else the newest."""
-        chosen: dict[tuple[str, str], Session] = {}
-        for session in self._benches.sessions:
-            labels = session.bench or session.name, str(int(session.emulated))
-            if labels not in chosen or (session.alive and not chosen[labels].alive):
-                chosen[labels] = session
-        yield from chosen.items()
+        for (bench, emulated), group in self._benches.groups().items():
+            yield (bench, str(int(emulated))), next((one for one in group if one.alive), group[0])
 
     def _collect_queues(self, families: dict[str, Metric]) -> None:
         for bench, state in self._desks.states().items():
@@ -131,7 +127,7 @@ class _Session:
 
     def _devices(self) -> None:
         now = self._now
-        chamber, table = _fresh(now.get("chamber")), _fresh(now.get("table"))
+        chamber, table = fresh(now.get("chamber")), fresh(now.get("table"))
         for device, metrics in ((chamber, _CHAMBER), (table, _TABLE)):
             for key, (name, about) in metrics.items():
                 self._add(name, about, device.get(key))
@@ -149,7 +145,7 @@ class _Session:
         for name, gyro in (now.get("gyros") or {}).items():
             whose = {"gyro": name, "unit": str(units.get(name, ""))}
             for key, (metric, about) in _GYRO.items():
-                self._add(metric, about, _fresh(gyro).get(key), **whose)
+                self._add(metric, about, fresh(gyro).get(key), **whose)
             for key, (metric, about) in _GYRO_COUNTS.items():
                 self._count(metric, about, gyro.get(key), **whose)
             for reason, value in (gyro.get("rejected") or {}).items():
@@ -168,12 +164,12 @@ class _Session:
         return len(self._now.get("prompts") or ()) if self._session.alive else 0
 
     def _add(self, name: str, about: str, value: object, **labels: str) -> None:
-        if (number := _number(value)) is not None:
+        if (number := number_of(value)) is not None:
             family = self._families.setdefault(name, _gauge(name, about, (*_BENCH, *labels)))
             family.add_sample(name, self._labels | labels, number)
 
     def _count(self, name: str, about: str, value: object, **labels: str) -> None:
-        if (number := _number(value)) is not None:
+        if (number := number_of(value)) is not None:
             counter = CounterMetricFamily(name, about, labels=(*_BENCH, *labels))
             family = self._families.setdefault(name, counter)
             family.add_sample(f"{name}_total", self._labels | labels, number)
@@ -183,13 +179,3 @@ def _gauge(
     name: str, about: str, labels: tuple[str, ...] = (), value: float | None = None
 ) -> GaugeMetricFamily:
     return GaugeMetricFamily(name, about, value=value, labels=labels or None)
-
-
-def _number(value: object) -> float | None:
-    if isinstance(value, int | float) and math.isfinite(value):
-        return float(value)
-    return None
-
-
-def _fresh(device: Mapping[str, Any] | None) -> Mapping[str, Any]:
-    return {} if not device or device.get("stale") else device

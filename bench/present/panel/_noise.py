@@ -11,6 +11,7 @@ import numpy as np
 
 from bench.analysis.common.allan import AllanDeviation, allan_deviation
 from bench.present.panel._tails import history_between
+from bench.present.panel._values import table_of
 from drivers.base.arrays import Array
 from drivers.base.clock import host_seconds
 from drivers.base.errors import BenchError
@@ -39,7 +40,7 @@ class Noise:
             return
         self._next_at = host_seconds() + _EVERY_S
         rows = history_between(self._run, time_s - _HOUR_S, time_s)[-_MOST:]
-        names = sorted({name for row in rows for name in _of(row, "gyros")})
+        names = sorted({name for row in rows for name in table_of(row.get("gyros"))})
         self.curves = [curve for name in names if (curve := noise_curve(name, rows)) is not None]
 
 
@@ -81,7 +82,7 @@ def _last_stretch(gyro: str, rows: Sequence[Mapping[str, Any]]) -> tuple[Array, 
     """Return times and means of the last rows without a gap, the table at rest."""
     kept: list[tuple[float, float]] = []
     for row in reversed(rows):
-        values, rate_dps = _of(row, "gyros").get(gyro), row.get("rate_dps")
+        values, rate_dps = table_of(row.get("gyros")).get(gyro), row.get("rate_dps")
         mean = values[2] if isinstance(values, list) and len(values) > 2 else None
         if not isinstance(mean, int | float) or not math.isfinite(mean):
             break
@@ -95,8 +96,3 @@ def _last_stretch(gyro: str, rows: Sequence[Mapping[str, Any]]) -> tuple[Array, 
     gaps = np.flatnonzero((steps_s > _GAP * np.median(steps_s)) | (steps_s <= 0.0))
     first = int(gaps[-1]) + 1 if len(gaps) else 0
     return time_s[first:], means[first:]
-
-
-def _of(row: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    value = row.get(key)
-    return value if isinstance(value, dict) else {}

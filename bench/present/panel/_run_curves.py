@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.present.panel._values import rounded
 from bench.record.recording import Run, seconds
 from drivers.base.arrays import Array
 from drivers.base.errors import RecordError
@@ -131,12 +132,12 @@ def _extremes(key: str, lane: str, name: str, unit: str, time_s: Array, values: 
 def _curve(
     key: str, lane: str, name: str, unit: str, time_s: Array, low: Array, high: Array
 ) -> dict[str, Any]:
-    shown = {"t": [round(value, 4) for value in time_s.tolist()], "low": _shown(low), "high": _shown(high)}
+    shown = {
+        "t": [round(value, 4) for value in time_s.tolist()],
+        "low": [rounded(value, _DIGITS) for value in low.tolist()],
+        "high": [rounded(value, _DIGITS) for value in high.tolist()],
+    }
     return {"key": key, "lane": lane, "name": name, "unit": unit} | shown
-
-
-def _shown(values: Array) -> list[float | None]:
-    return [float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None for value in values.tolist()]
 
 
 def check_stretch(from_s: float | None, to_s: float | None) -> None:

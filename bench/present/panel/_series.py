@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from bench.present.panel._values import rounded
+
 Row = list[float | None]
 """Middle of the stretch in s of bench time, then lowest and highest value of every column; None where unknown."""
 
@@ -50,7 +52,7 @@ class MinMax:
         """Return the rows from index `first` on."""
         first = max(0, first)
         return [
-            [round((bucket + 0.5) * self.width_s, 3), *(_shown(value) for value in extremes)]
+            [round((bucket + 0.5) * self.width_s, 3), *(rounded(value, _DIGITS) for value in extremes)]
             for bucket, extremes in zip(self._buckets[first:], self._extremes[first:], strict=True)
         ]
 
@@ -70,7 +72,3 @@ class MinMax:
             else:
                 self._buckets.append(bucket // 2)
                 self._extremes.append(row)
-
-
-def _shown(value: float) -> float | None:
-    return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None

@@ -18,6 +18,7 @@ from bench.present.panel._series import MinMax, Row
 from bench.present.panel._session import Session, shown
 from bench.present.panel._tails import HistoryTail, PhaseTail, history_between
 from bench.present.panel._texts import texts
+from bench.present.panel._values import fresh, number_of, table_of
 from drivers.base.clock import host_seconds
 
 _BUCKETS = 480
@@ -179,7 +180,7 @@ class Watch:
             return {"epoch": self.epoch, "rows": []}
         fine = MinMax(len(columns), max((to_s - from_s) / _FINE, 0.05), 2 * _FINE, growing=False)
         for row in history_between(run, from_s, to_s):
-            fine.add(row["time_s"], [_number(value) for value in _of_history(row, *self._what(self.now))])
+            fine.add(row["time_s"], [number_of(value) for value in _of_history(row, *self._what(self.now))])
         return {"epoch": self.epoch, "rows": fine.rows()}
 
     def snapshot(self) -> dict[str, Any]:
@@ -244,7 +245,7 @@ class Watch:
 
     def _catch_up(self, now: Mapping[str, Any]) -> None:
         """Take what came while nobody looked from the run's history, so that no straight line stands for it."""
-        to_s = _number(now.get("time_s"))
+        to_s = number_of(now.get("time_s"))
         if self._run is None or to_s is None or not math.isfinite(self._newest_s):
             return
         for row in history_between(self._run, self._newest_s, to_s):
@@ -257,38 +258,23 @@ class Watch:
 
     def _add(self, now: Mapping[str, Any]) -> None:
         """Add the values of now; one that is old is none, so that a curve ends where nothing came."""
-        chamber, table = _fresh(now.get("chamber")), _fresh(now.get("table"))
+        chamber, table = fresh(now.get("chamber")), fresh(now.get("table"))
         values = [chamber.get("air_temp_c"), chamber.get("set_point_c"), table.get("rate_dps")]
         for name in sorted(now.get("gyros") or {}):
-            gyro = _fresh(now["gyros"][name])
+            gyro = fresh(now["gyros"][name])
             values += [gyro.get("latest_dps"), gyro.get("temp_c")]
         values += [(chamber.get("auxiliary_c") or {}).get(number) for number, _ in _auxiliary(now)]
         self._take(now.get("time_s"), values)
 
     def _take(self, time_s: object, values: list[Any]) -> None:
         """Add a row; now.json that says the same time again adds nothing."""
-        time_s = _number(time_s)
+        time_s = number_of(time_s)
         if time_s is None or time_s <= self._newest_s or abs(time_s) > _MOST_S:
             return
         self._newest_s = time_s
-        numbers = [_number(value) for value in values]
+        numbers = [number_of(value) for value in values]
         for level in self.levels.values():
             level.add(time_s, numbers)
-
-
-def _number(value: object) -> float | None:
-    """Return a number of a file as one that can be drawn, None for what is none."""
-    if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _LARGEST:
-        return float(value)
-    return None
-
-
-def _table(value: object) -> Mapping[str, Any]:
-    return value if isinstance(value, dict) else {}
-
-
-def _fresh(device: Mapping[str, Any] | None) -> Mapping[str, Any]:
-    return {} if not device or device.get("stale") else device
 
 
 def _auxiliary(now: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -313,9 +299,9 @@ def _columns(gyros: tuple[str, ...], auxiliary: list[tuple[str, str]]) -> tuple[
 
 def _of_history(row: Mapping[str, Any], gyros: tuple[str, ...], auxiliary: list[str]) -> list[Any]:
     values = [row.get("air_temp_c"), row.get("set_point_c"), row.get("rate_dps")]
-    of_gyros = _table(row.get("gyros"))
+    of_gyros = table_of(row.get("gyros"))
     for name in gyros:
         pair = of_gyros.get(name)
         values += list(pair[:2]) if isinstance(pair, list) and len(pair) >= 2 else [None, None]
-    cases = _table(row.get("auxiliary_c"))
+    cases = table_of(row.get("auxiliary_c"))
     return values + [cases.get(number) for number in auxiliary]
