@@ -69,21 +69,26 @@ class StandardTestParameters(Parameters):
     """What to test; what is not given follows from the grade."""
 
     grade: Literal["fog", "rlg", "mems"] = parameter("fog", "class of gyro: fog, rlg or mems")
-    warm_up_min: float | None = parameter(None, "warm-up (None: by grade)", "min", ge=10, le=600)
-    bias_min: float | None = parameter(None, "bias record (None: by grade)", "min", ge=10, le=1440)
+    warm_up_min: float | None = parameter(None, "warm-up (not given: by grade)", "min", ge=10, le=600)
+    bias_min: float | None = parameter(None, "bias record (not given: by grade)", "min", ge=10, le=1440)
     noise_h: float | None = parameter(
-        None, "record for the Allan deviation (None: by grade)", "h", ge=0.5, le=200
+        None, "record for the Allan deviation (not given: by grade)", "h", ge=0.5, le=200
     )
     smallest_step_dph: float | None = parameter(
         None,
-        "smallest input of threshold and resolution, doubled four times (None: by grade)",
+        "smallest input of threshold and resolution, doubled four times (not given: by grade)",
         "deg/h",
         gt=0,
         le=0.6,
     )
-    step_dwell_s: float | None = parameter(None, "dwell at each input (None: by grade)", "s", ge=60, le=7200)
+    step_dwell_s: float | None = parameter(
+        None, "dwell at each input (not given: by grade)", "s", ge=60, le=7200
+    )
     power_cycles: int | None = parameter(
-        None, "switch off and on so often, with a bias record each (None: 6, as GJB 2426A asks)", ge=0, le=20
+        None,
+        "switch off and on so often, with a bias record each (not given: 6, as GJB 2426A asks)",
+        ge=0,
+        le=20,
     )
     off_s: float = parameter(60.0, "time without power", "s", ge=5, le=7200)
     max_rate_dps: float = parameter(20.0, "largest rate of the scale-factor test", "deg/s", gt=0, le=1000)

@@ -22,7 +22,16 @@ from bench.campaign import (
     load_campaign,
     plan_campaign,
 )
-from bench.campaign.queue import BenchQueue, CampaignOrder, HuntOrder, Item, Order, ResumeOrder, RunOrder
+from bench.campaign.queue import (
+    BenchQueue,
+    CampaignOrder,
+    Hold,
+    HuntOrder,
+    Item,
+    Order,
+    ResumeOrder,
+    RunOrder,
+)
 from bench.control.disk import free_bytes
 from bench.control.lease import lease_holder
 from bench.control.procedure import beyond_limits, find_procedure
@@ -90,7 +99,7 @@ class Desk:
         return {
             "bench": self.queue.bench,
             "held": None if state.held is None else HELD[state.held.why].format(by=state.held.by),
-            "look": state.held is not None and state.held.why == "ended_badly",
+            "look": state.held == Hold(why="ended_badly"),
             "used": "" if holder is None else str(holder),
             "current": None if current is None else self._item(current) | self._live(current),
             "waiting": rows,

@@ -54,7 +54,7 @@ def fields(procedure: Procedure, file: BenchFile, values: Mapping[str, Any]) -> 
                 _label(fact),
                 fact.kind,
                 _unit(fact),
-                fact.meaning.replace("(None:", "(empty:"),
+                fact.meaning,
                 _usual(fact) if value == fact.default else _typed(value),
                 _usual(fact) or "by the procedure",
                 _limits(fact),
