@@ -210,7 +210,7 @@ def test_alarms_stay_until_somebody_has_seen_them_by_name(panel: Panel, width: i
         page.get_by_test_id("acknowledge").click()
         expect(strip).not_to_contain_text("not seen")
         expect(list_).to_contain_text("seen by Ada")
-        page.wait_for_function("document.documentElement.scrollWidth <= width")
+        page.wait_for_function(f"document.documentElement.scrollWidth <= {width}")
 
 
 def test_there_need_not_be_a_runs_folder_yet(tmp_path: Path) -> None:
