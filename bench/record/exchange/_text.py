@@ -71,8 +71,10 @@ def head_of(file: Path) -> list[str]:
 def layout_of(file: Path, lines: Sequence[str], separator: str, skip: int | None) -> TextLayout | None:
     """Return the layout of a text log from its first lines, guessed where not told; None without a table."""
     told = _SEPARATORS.get(separator, separator)
+    kept = [(number, line) for number, line in enumerate(lines) if line.strip() and number >= (skip or 0)]
+    kept = [(number, line) for number, line in kept if not line.lstrip().startswith(_COMMENTS)]
     start, width, used, decimal = max(
-        (_first_row(lines, one, skip) for one in ([told] if told else _SEPARATORS.values())),
+        (_first_row(kept, one) for one in ([told] if told else _SEPARATORS.values())),
         key=lambda found: found[1],
     )
     if width == 0:
@@ -135,15 +137,18 @@ def _fields(line: str, separator: str) -> list[str]:
     return line.split() if separator == " " else [part.strip() for part in line.split(separator)]
 
 
-def _first_row(lines: Sequence[str], separator: str, skip: int | None) -> tuple[int, int, str, str]:
-    """Return line of the first row of numbers, columns (0: none), separator and decimal mark."""
-    kept = [(number, line) for number, line in enumerate(lines) if line.strip() and number >= (skip or 0)]
-    kept = [(number, line) for number, line in kept if not line.lstrip().startswith(_COMMENTS)]
+def _first_row(kept: Sequence[tuple[int, str]], separator: str) -> tuple[int, int, str, str]:
+    """Return line of the first row of numbers, columns (0: none), separator and decimal mark.
+
+    `kept` are the lines that are neither empty nor comments, with their numbers.
+    """
     sample = [_fields(line, separator) for _, line in kept[len(kept) // 2 :][-200:]]
     width, often = Counter(map(len, sample)).most_common(1)[0] if sample else (0, 0)
+    if often <= 0.8 * len(sample) or (width < 2 and separator != " "):
+        return 0, 0, separator, "."
     for decimal in (".", ",") if separator != "," else (".",):
         numeric = np.mean([_numeric(row, decimal) for row in sample if len(row) == width] or [0.0])
-        if often > 0.8 * len(sample) and numeric > 0.5 and (width > 1 or separator == " "):
+        if numeric > 0.5:
             rows = ((n, _fields(line, separator)) for n, line in kept)
             start = next(n for n, row in rows if len(row) == width and _numeric(row, decimal) > 0.5)
             return start, width, separator, decimal
