@@ -64,12 +64,13 @@ NOT_HERE = Banner(
 def nothing_yet(folder: str, there: bool, queue: bool, bench: str = "") -> Banner:
     """Return the banner of a runs folder, or a bench, without sessions; `queue`: whether runs can be started."""
     press = f"`gyrobench run PROCEDURE --runs {folder}` begins one: this page then shows it by itself."
+    happened = f"No run has begun in {folder} so far." if there else f"There is no folder {folder} yet."
+    if bench and there:
+        happened = f"Nothing goes on at {bench}: no live file of it is in {folder}."
     return Banner(
         "plain",
         "Idle",
-        f"No run has begun {f'on {bench}, ' if bench else ''}in {folder} so far."
-        if there
-        else f"There is no folder {folder} yet.",
+        happened,
         press="Queue, above: choose what to run. This page then shows it by itself." if queue else press,
     )
 

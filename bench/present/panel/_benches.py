@@ -145,8 +145,8 @@ class Benches:
 
 
 def _idle(name: str, queue: QueueLink) -> dict[str, Any]:
-    """Return a bench on which nothing has run yet."""
-    idle = {"session": "", "word": "Idle", "tone": "plain", "what": "no run yet", "alarms": 0}
+    """Return a bench without a session: nothing of it was live lately."""
+    idle = {"session": "", "word": "Idle", "tone": "plain", "what": "nothing goes on", "alarms": 0}
     return idle | {"name": name, "link": queue.address, "queue": queue.waits, "emulated": queue.emulated}
 
 

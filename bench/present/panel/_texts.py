@@ -31,7 +31,7 @@ def texts(
     time_s, left_s = now.get("time_s"), now.get("left_s")
     ended = now.get("state") == "ended"
     words = {
-        "title": str(campaign.get("title") or run.get("procedure") or "No session"),
+        "title": str(campaign.get("title") or run.get("procedure") or "Nothing goes on"),
         "bench": str(run.get("bench") or campaign.get("bench") or ""),
         "emulated": "EMULATED LAB: no real device moves"
         if run.get("emulated") or campaign.get("emulated")

@@ -610,7 +610,7 @@ def test_a_bench_is_followed_from_session_to_session(runs: Path) -> None:
     folder = RunsFolder(runs)
     watch = Watch(folder, Benches(folder), bench="east")
     watch.update()
-    assert watch.session is None and "on east" in watch.news()["banner"]["happened"]
+    assert watch.session is None and "at east" in watch.news()["banner"]["happened"]
     for name, bench, shown in (("a", "east", "a"), ("b", "west", "a"), ("c", "east", "c")):
         run = {"folder": str(runs / "one"), "run_id": name, "units": {}, "bench": bench}
         ended = {"state": "ended", "outcome": "completed"} if name == "a" else {}

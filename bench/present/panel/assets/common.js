@@ -29,7 +29,7 @@ window.gyrobenchPage = (() => {
       ...benches.map((bench) => {
         const link = element("a", `bench ${bench.tone}${bench.emulated ? " emulated" : ""}`);
         link.href = bench.link;
-        if (bench.session === session) link.setAttribute("aria-current", "page");
+        if (session && bench.session === session) link.setAttribute("aria-current", "page");
         link.append(element("b", "", bench.name), element("span", "state", bench.word), ...[bench.what, bench.queue].filter(Boolean).map((text) => element("span", "what", text)));
         if (bench.emulated) link.append(element("span", "mark", "emulated"));
         if (bench.alarms) link.append(element("span", "count", bench.alarms === 1 ? "1 alarm not seen" : `${bench.alarms} alarms not seen`));
