@@ -26,7 +26,7 @@ Where a free curve stands for the unknown it is that of the cause or of what may
 
 _FEW = 2
 """Effects that may share a name beside something unknown that nothing describes."""
-_LEAST_NAMED = 0.5
+_LEAST_NAMED = 0.8
 """Probability that one of a set acts, below which nothing is named."""
 _MOST_ALIKE = 4
 """Effects of a set that is named as one cause: where more could stand in a place, none is."""
@@ -75,7 +75,7 @@ def causes_of(
         acting = beside_nominal(gram, model.sigmas, best.solution, own)
         common = prevalence(found.data.cells, found.before, acting, best.rest)
         doubt = unknown > 0.5 and (trust < CREDIBLE or common < PREVALENT or place < _SURE)
-        doubt |= _of_any(weights, set(one_of)) < _LEAST_NAMED or len(one_of) > _MOST_ALIKE
+        doubt |= not _nameable(one_of, weights)
         if doubt or absorbed(variants[member].effect, curves):
             # fitted beside a curve it would not stand alone
             alone = _fitted(member, best.without_curves, found, variants, q)
@@ -139,6 +139,11 @@ def _one_of(
             break
         names.append(other)
     return tuple(names)
+
+
+def _nameable(one_of: Sequence[str], weights: Mapping[frozenset[str], tuple[float, float]]) -> bool:
+    """Return whether effects of which one acts are few enough, and probable enough, to be named as a cause."""
+    return len(one_of) <= _MOST_ALIKE and _of_any(weights, set(one_of)) >= _LEAST_NAMED
 
 
 def _of_any(weights: Mapping[frozenset[str], tuple[float, float]], names: Set[str]) -> float:

@@ -135,6 +135,9 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         null = weights.get(frozenset(), (0.0, 0.0))[0]
         if null > _DOUBTED:
             causes, resembles = (), ()
+        if not causes:
+            # something is there, and no name for it is sure
+            unknown = max([unknown, *(cause.set_probability for cause in resembles)])
         stochastic = _stochastic(ready.noise, runs) if unknown < 0.5 else {}
         stochastic = {**stochastic, **disturbed.probabilities}
         where = places(ready.cells, found.before, ready.floor)

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.analysis.gap._causes import _one_of
+from bench.analysis.gap._causes import _nameable, _one_of
 from bench.analysis.gap._cells import Cell
 from bench.analysis.gap._fit import Solution
 from bench.analysis.gap._generic import free_curves
@@ -178,6 +178,23 @@ def test_a_set_grows_until_one_of_it_surely_acts() -> None:
     assert _one_of("gradient", rivals, weights) == ("gradient", "shupe", "thermal_lag")
     sure = {frozenset({"gradient"}): (0.95, 0.0), frozenset({"shupe"}): (0.05, 0.0)}
     assert _one_of("gradient", {"shupe": 0.05}, sure) == ("gradient",)
+
+
+def test_a_name_is_stated_from_odds_of_four_to_one_and_for_four_effects_at_most() -> None:
+    """What stands beside a sure cause in two sets of three only is as likely a misfit of its formula."""
+    weights = {
+        frozenset({"thermal_lag", "vibration_rectification"}): (0.55, 0.0),
+        frozenset({"thermal_lag"}): (0.35, 0.0),
+        frozenset({"thermal_lag", "scale_factor_asymmetry"}): (0.1, 0.0),
+    }
+    assert _nameable(("thermal_lag",), weights)
+    assert not _nameable(("vibration_rectification", "scale_factor_asymmetry"), weights)
+    sure = {
+        frozenset({"thermal_lag", "vibration_rectification"}): (0.8, 0.05),
+        frozenset({"thermal_lag"}): (0.15, 0.0),
+    }
+    assert _nameable(("vibration_rectification",), sure)
+    assert not _nameable(("vibration_rectification", "shupe", "gradient", "warm_up", "bias_ramp"), sure)
 
 
 def test_effects_of_the_catalogue_are_what_these_tests_take_them_for() -> None:
