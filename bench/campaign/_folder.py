@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import re
@@ -24,6 +23,8 @@ from bench.record.shown import Shown
 from drivers.base.clock import epoch_seconds, utc_now
 from drivers.base.errors import BenchInUse, ConfigurationError, RecordError
 from drivers.base.files import RECORD_BYTES, SETTINGS_BYTES, parse_json, read_bounded, replace_file
+from drivers.base.locks import take_lock
+from drivers.base.system import open_flags
 
 CAMPAIGN_FILE, BENCH_FILE, JOURNAL_FILE, LOCK_FILE = "campaign.toml", "bench.json", "events.jsonl", ".lock"
 HUNT_FILE = "hunt.json"
@@ -112,10 +113,10 @@ class CampaignFolder(Shown):
     @contextmanager
     def lock(self) -> Iterator[None]:
         """Be the one process that works on this campaign; BenchInUse names the one that does."""
-        descriptor = os.open(self.path / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        descriptor = os.open(self.path / LOCK_FILE, open_flags("O_RDWR", "O_CREAT"), 0o644)
         try:
             try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                take_lock(descriptor)
             except BlockingIOError as error:
                 holder = os.read(descriptor, 200).decode("utf-8", "replace").strip()
                 raise BenchInUse(
@@ -139,7 +140,7 @@ class CampaignFolder(Shown):
         line = {"time_s": row["time_s"], "kind": row["kind"], "utc": utc_now()} | row
         path = self.path / JOURNAL_FILE
         try:
-            descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            descriptor = os.open(path, open_flags("O_RDWR", "O_APPEND", "O_CREAT"), 0o644)
             try:
                 size = os.fstat(descriptor).st_size
                 torn = size > 0 and os.pread(descriptor, 1, size - 1) != b"\n"

@@ -1,10 +1,9 @@
 """One user a bench: a lease on its ports, held by the kernel, with a note that says who has it.
 
-A lease is a lock (fcntl(2), "open file description locks") on one small file per port in
-`$XDG_STATE_HOME/gyrobench/leases`. The kernel lets go of it when the last process that has it open ends, however
-it ends, so no lease outlives its holder; what a killed process leaves is a note without a lock, which the next
-one finds, reports and replaces. A watchdog that inherits the descriptors keeps the lease until it has brought the
-bench to rest.
+A lease is a lock (`drivers.base.locks`) on one small file per port in `$XDG_STATE_HOME/gyrobench/leases`. The
+kernel lets go of it when the last process that has it open ends, however it ends, so no lease outlives its
+holder; what a killed process leaves is a note without a lock, which the next one finds, reports and replaces.
+A watchdog that inherits the descriptors keeps the lease until it has brought the bench to rest.
 
 Benches are told apart by their ports, not by their files: two bench files that share a chamber share its lease.
 The pseudo-terminals of a lab that was killed are other devices than those that get their numbers afterwards.
@@ -13,13 +12,11 @@ The pseudo-terminals of a lab that was killed are other devices than those that 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import getpass
 import hashlib
 import json
 import os
 import socket
-import struct
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -28,10 +25,10 @@ from bench.control.process import process_start
 from bench.record.benchfile import BenchFile
 from drivers.base.clock import utc_now
 from drivers.base.errors import BenchInUse, ConfigurationError
+from drivers.base.locks import is_locked, release_lock, take_lock
+from drivers.base.system import open_flags
 
 _PSEUDO_TERMINALS = "/dev/pts/"
-_FLOCK = struct.Struct("hhqqi4x")
-"""struct flock of Linux on 64 bits: type, whence, start, length, pid (0 with open file description locks)."""
 
 
 @dataclass(frozen=True)
@@ -124,12 +121,11 @@ def lease_holder(file: BenchFile) -> Holder | None:
     """Return who has any of the bench's ports now, None if it is free."""
     for _, path in _paths(file):
         try:
-            descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+            descriptor = os.open(path, open_flags("O_RDONLY"))
         except OSError:
             continue
         try:
-            asked = _FLOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0)
-            if _FLOCK.unpack(fcntl.fcntl(descriptor, fcntl.F_OFD_GETLK, asked))[0] != fcntl.F_UNLCK:
+            if is_locked(descriptor):
                 return _read(descriptor)
         finally:
             os.close(descriptor)
@@ -169,7 +165,7 @@ def _lock(path: Path, port: str) -> int:
     while True:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            descriptor = os.open(path, open_flags("O_RDWR", "O_CREAT"), 0o644)
         except OSError as error:
             raise ConfigurationError(
                 "the lease of the bench cannot be written",
@@ -179,7 +175,7 @@ def _lock(path: Path, port: str) -> int:
                 remedy="set XDG_STATE_HOME to one that everybody who uses this bench can write",
             ) from error
         try:
-            _set_lock(descriptor, fcntl.F_WRLCK)
+            take_lock(descriptor)
         except BlockingIOError:
             holder = _read(descriptor)
             os.close(descriptor)
@@ -195,10 +191,6 @@ def _lock(path: Path, port: str) -> int:
         os.close(descriptor)  # given back, and removed, between opening and locking
 
 
-def _set_lock(descriptor: int, kind: int) -> None:
-    fcntl.fcntl(descriptor, fcntl.F_OFD_SETLK, _FLOCK.pack(kind, os.SEEK_SET, 0, 0, 0))
-
-
 def _is_at(descriptor: int, path: Path) -> bool:
     try:
         return os.path.samestat(os.fstat(descriptor), path.stat())
@@ -208,22 +200,29 @@ def _is_at(descriptor: int, path: Path) -> bool:
 
 def _let_go(files: dict[Path, int]) -> None:
     for path, descriptor in files.items():
-        with contextlib.suppress(OSError):
+        try:
             path.unlink()
+        except (
+            OSError
+        ):  # gone already; or Windows, which keeps the name of an open file: then it says nothing
+            with contextlib.suppress(OSError):
+                os.ftruncate(descriptor, 0)
         with contextlib.suppress(OSError):
-            _set_lock(descriptor, fcntl.F_UNLCK)
+            release_lock(descriptor)
         os.close(descriptor)
 
 
 def _write(descriptor: int, holder: Holder) -> None:
     content = json.dumps(asdict(holder)).encode()
-    os.pwrite(descriptor, content, 0)
+    os.lseek(descriptor, 0, os.SEEK_SET)
+    os.write(descriptor, content)
     os.ftruncate(descriptor, len(content))
 
 
 def _read(descriptor: int) -> Holder | None:
+    os.lseek(descriptor, 0, os.SEEK_SET)
     try:
-        return Holder(**json.loads(os.pread(descriptor, 65536, 0)))
+        return Holder(**json.loads(os.read(descriptor, 65536)))
     except (ValueError, TypeError):
         return None
 
@@ -231,5 +230,5 @@ def _read(descriptor: int) -> Holder | None:
 def _user() -> str:
     try:
         return getpass.getuser()
-    except (KeyError, OSError):  # an id without a name, as in many containers
-        return str(os.getuid())
+    except (KeyError, OSError, ImportError):  # an id without a name, as in many containers
+        return str(os.getuid()) if hasattr(os, "getuid") else "unknown"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import hmac
 import os
@@ -19,6 +18,8 @@ from bench.record.events import Role
 from drivers.base.clock import utc_now
 from drivers.base.errors import ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, read_bounded, replace_file
+from drivers.base.locks import take_lock
+from drivers.base.system import open_flags
 
 ROLES: tuple[Role, ...] = get_args(Role)
 """All roles; each may do what those before it may."""
@@ -199,11 +200,11 @@ class OperatorsFile:
         """Be the one who changes the file."""
         lock = self.path.with_name(f".{self.path.name}.lock")
         try:
-            descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            descriptor = os.open(lock, open_flags("O_RDWR", "O_CREAT"), 0o600)
         except OSError as error:
             raise self._unusable(error.strerror or str(error), "a folder that can be written") from error
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
+            take_lock(descriptor, wait=True)
             yield
         finally:
             os.close(descriptor)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -45,6 +46,9 @@ from drivers.kit.config import SupplyConfig, UnderTestConfig
 from drivers.kit.instruments import Gyro, Supply
 from drivers.kit.kinds import Connection
 from drivers.kit.registry import load_kind
+
+_STOPPING = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
+"""What asks a run to stop, of that what the system has: Windows knows the last, and no SIGHUP."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +112,13 @@ def run_procedure(request: RunRequest) -> RunResult:
     require_none_beyond(beyond, file, "the run", procedure.name)
     if late := overdue(file.calibration, utc_now()):
         _refuse_overdue(late, file)
+    if file.safe.watchdog and not file.bench.clock and not hasattr(os, "pidfd_open"):
+        raise ConfigurationError(
+            "this system has no watchdog: nobody would stop the bench if this process died",
+            where=file.bench.name,
+            expected="Linux",
+            remedy="`watchdog = false` in [safe], and somebody who stays with the bench",
+        )
     if request.lease is None:
         with take_lease(request.file, f"run {request.run_id or request.procedure.name}") as lease:
             return _run(replace(request, lease=lease))
@@ -342,8 +353,8 @@ def _signals(clock: Clock) -> Iterator[None]:
     try:
         before = {
             number: signal.signal(number, ask)
-            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-            if number != signal.SIGHUP or signal.getsignal(number) is signal.SIG_DFL
+            for number in (signal.Signals[name] for name in _STOPPING if hasattr(signal, name))
+            if number.name != "SIGHUP" or signal.getsignal(number) is signal.SIG_DFL
         }
     except ValueError:  # not the main thread: whoever embeds the bench there owns the signals
         before = {}

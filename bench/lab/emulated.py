@@ -171,8 +171,8 @@ class EmulatedLab:
         lane: int | None = None,
         apart: bool = False,
     ) -> None:
-        allowed = sorted(os.sched_getaffinity(0))
-        cpu = allowed[(os.getpid() if lane is None else lane) % len(allowed)]
+        allowed = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
+        cpu = allowed[(os.getpid() if lane is None else lane) % len(allowed)] if allowed else None
         line = lab_config(file, plant, clock, cpu).to_line()
         self._lab: LabProcess | InProcessLab = (
             LabProcess(line) if apart or clock == "wall" else _in_process(line)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-import os
 import select
 import threading
 import time
@@ -17,6 +16,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
 from drivers.base.errors import BenchError, LinkLost, RunAborted
+from drivers.base.system import Wake
 
 
 class Readable(Protocol):
@@ -46,13 +46,11 @@ class Interrupt:
     def __init__(self) -> None:
         self._reason: str | None = None
         self._ignored = False
-        self._read, self._write = os.pipe()
-        os.set_blocking(self._write, False)
-        os.set_blocking(self._read, False)
+        self._wake = Wake()
 
     def fileno(self) -> int:
         """Return a descriptor that is readable while a request stands."""
-        return self._read
+        return self._wake.fileno()
 
     def request(self, reason: str) -> None:
         """Ask the waiting thread to stop; a full pipe means that it has been asked already."""
@@ -63,8 +61,7 @@ class Interrupt:
 
     def wake(self) -> None:
         """Make the descriptor readable without asking anybody to stop."""
-        with contextlib.suppress(BlockingIOError):
-            os.write(self._write, b"!")
+        self._wake.wake()
 
     def check(self) -> None:
         """Raise RunAborted if a request stands."""
@@ -84,13 +81,11 @@ class Interrupt:
     def clear(self) -> None:
         """Drop the request."""
         self._reason = None
-        with contextlib.suppress(BlockingIOError):
-            os.read(self._read, 4096)
+        self._wake.clear()
 
     def close(self) -> None:
-        """Release the pipe."""
-        os.close(self._read)
-        os.close(self._write)
+        """Release what waits are woken by."""
+        self._wake.close()
 
 
 class Clock(Protocol):
@@ -306,7 +301,7 @@ class _StreamReader:
         self._clock = clock
         self._ports: dict[Readable, OnLoss | None] = {}
         self._lock = threading.Lock()
-        self._wake_read, self._wake_write = os.pipe()
+        self._wake = Wake()
         self._running = True
         self._thread = threading.Thread(target=self._run, name="stream reader", daemon=True)
         self._thread.start()
@@ -314,32 +309,31 @@ class _StreamReader:
     def add(self, port: Readable, lost: OnLoss | None) -> None:
         with self._lock:
             self._ports[port] = lost
-        os.write(self._wake_write, b"+")
+        self._wake.wake()
 
     def remove(self, port: Readable) -> None:
         with self._lock:
             self._ports.pop(port, None)
-        os.write(self._wake_write, b"-")
+        self._wake.wake()
 
     def stop(self) -> None:
         self._running = False
-        os.write(self._wake_write, b".")
+        self._wake.wake()
         self._thread.join()
-        os.close(self._wake_read)
-        os.close(self._wake_write)
+        self._wake.close()
 
     def _run(self) -> None:
         while self._running:
             with self._lock:
                 ports = list(self._ports)
-            waiting: list[Any] = [self._wake_read, *ports]
+            waiting: list[Any] = [self._wake, *ports]
             try:
                 ready, _, _ = select.select(waiting, [], [])
             except (OSError, ValueError):  # a port was closed between the copy and the call
                 continue
             for port in ready:
-                if isinstance(port, int):
-                    os.read(self._wake_read, 4096)
+                if port is self._wake:
+                    self._wake.clear()
                     continue
                 with self._lock:
                     if port in self._ports:

@@ -1,9 +1,18 @@
-"""What operating systems differ in: flags of files, syncing to the disk, processors."""
+"""What operating systems differ in: flags of files, syncing to the disk, processors, waiting for descriptors."""
 
 from __future__ import annotations
 
 import os
+import select
+import socket
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
+
+SELECTS_FILES = hasattr(select, "poll")
+"""Whether any descriptor can be waited for; Windows waits for sockets only."""
+READABLE, WRITABLE = 1, 4
+"""POLLIN and POLLOUT of `select.poll`, where there is one and where there is none."""
 
 
 def open_flags(*names: str) -> int:
@@ -39,3 +48,71 @@ def sync_folder(folder: Path) -> None:
 def processors() -> int:
     """Return how many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class _SelectPoll:
+    """`select.poll` by `select.select`, for systems without it; errors show as readable."""
+
+    def __init__(self) -> None:
+        self._wanted: dict[int, int] = {}
+
+    def register(self, descriptor: int, events: int) -> None:
+        self._wanted[descriptor] = events
+
+    def unregister(self, descriptor: int) -> None:
+        del self._wanted[descriptor]
+
+    def poll(self, timeout_ms: float) -> list[tuple[int, int]]:
+        reading = [descriptor for descriptor, events in self._wanted.items() if events & READABLE]
+        writing = [descriptor for descriptor, events in self._wanted.items() if events & WRITABLE]
+        readable, writable, _ = select.select(reading, writing, [], timeout_ms / 1e3)
+        return [(found, READABLE) for found in readable] + [(found, WRITABLE) for found in writable]
+
+
+def poller() -> Any:
+    """Return an object like `select.poll()`: `register`, `unregister`, `poll(ms)`."""
+    return select.poll() if SELECTS_FILES else _SelectPoll()
+
+
+class Wake:
+    """Something to wait for beside ports, which another thread or a signal handler makes readable."""
+
+    def __init__(self) -> None:
+        self._ends: tuple[socket.socket, socket.socket] | None = None
+        if SELECTS_FILES:
+            self._read, self._write = os.pipe()
+            os.set_blocking(self._read, False)
+            os.set_blocking(self._write, False)
+            return
+        self._ends = socket.socketpair()
+        for end in self._ends:
+            end.setblocking(False)
+
+    def fileno(self) -> int:
+        """Return the descriptor to select on."""
+        return self._read if self._ends is None else self._ends[0].fileno()
+
+    def wake(self) -> None:
+        """Make it readable; one that is full is readable already."""
+        with suppress(BlockingIOError):
+            if self._ends is None:
+                os.write(self._write, b"!")
+            else:
+                self._ends[1].send(b"!")
+
+    def clear(self) -> None:
+        """Make it unreadable again."""
+        with suppress(BlockingIOError):
+            if self._ends is None:
+                os.read(self._read, 4096)
+            else:
+                self._ends[0].recv(4096)
+
+    def close(self) -> None:
+        """Release it."""
+        if self._ends is None:
+            os.close(self._read)
+            os.close(self._write)
+            return
+        for end in self._ends:
+            end.close()

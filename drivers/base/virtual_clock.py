@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import os
-import select
 from collections import deque
 
 from drivers.base.clock import Interrupt, OnLoss, Readable, tell_failures
 from drivers.base.errors import BenchError, ConfigurationError
 from drivers.base.lab_time import NOT_OPEN, WATCHDOG_S, Mark, connect, lab_lost
+from drivers.base.system import READABLE, poller
 
 _LONGEST_STEP_NS = 64_000_000_000
 """Longer sleeps are cut, so that the bytes of one step stay few."""
@@ -54,7 +54,7 @@ class VirtualClock:
         self._lost_calls: dict[int, OnLoss | None] = {}
         self._left: dict[int, tuple[Readable, bytearray]] = {}
         """Ports that went away in this step, and what came before it."""
-        self._poll = select.poll()
+        self._poll = poller()
 
     def now(self) -> float:
         """Return bench time in s."""
@@ -99,7 +99,7 @@ class VirtualClock:
             self._advance(self._now_ns, -1)
         self._ports[index] = port
         self._by_descriptor[port.fileno()] = index
-        self._poll.register(port.fileno(), select.POLLIN)
+        self._poll.register(port.fileno(), READABLE)
 
     def stream(self, port: Readable, lost: OnLoss | None = None) -> None:
         """Note whom to tell of its loss: every step of the clock reads every port."""

@@ -12,12 +12,15 @@ import os
 import select
 import threading
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Protocol
 
 import serial
 
 from drivers.base.clock import Clock
 from drivers.base.errors import BenchError, ConfigurationError, DeviceSilent, LinkLost, ProtocolError
+from drivers.base.system import SELECTS_FILES
+from drivers.kit.sockets import SocketPort
 
 _BLOCK = 65536
 _FULL_S = 5.0
@@ -165,11 +168,12 @@ class Link:
             self._port.close()
 
     def _open(self, *, in_background: bool = False) -> Opening:
-        return Opening(
-            lambda: serial.serial_for_url(self.url, timeout=0, **self._settings),
-            _NOT_OPENED,
-            in_background=in_background,
-        )
+        def opener() -> Any:
+            if SELECTS_FILES:
+                return serial.serial_for_url(self.url, timeout=0, **self._settings)
+            return SocketPort(self.url, **self._settings)
+
+        return Opening(opener, _NOT_OPENED, in_background=in_background)
 
     def _take_port(self, opening: Opening) -> None:
         try:
@@ -177,7 +181,11 @@ class Link:
             self._fd: int = self._port.fileno()
         except _NOT_OPENED as error:
             raise self._not_opened(str(error)) from error
-        os.set_blocking(self._fd, False)
+        if SELECTS_FILES:
+            os.set_blocking(self._fd, False)
+            self._read, self._write = partial(os.read, self._fd), partial(os.write, self._fd)
+        else:
+            self._read, self._write = self._port.read, self._port.write
 
     def _not_opened(self, found: str) -> ConfigurationError:
         return ConfigurationError(
@@ -210,7 +218,7 @@ class Link:
     def receive(self) -> bytes:
         """Read what has arrived (one system call, empty if nothing); raises LinkLost when the port is gone."""
         try:
-            data = os.read(self._fd, _BLOCK)
+            data = self._read(_BLOCK)
         except BlockingIOError:
             return b""
         except OSError as error:
@@ -235,7 +243,7 @@ class Link:
         view = memoryview(data)
         while view:
             try:
-                view = view[os.write(self._fd, view) :]
+                view = view[self._write(view) :]
             except BlockingIOError:
                 if not select.select([], [self._fd], [], _FULL_S)[1]:
                     raise self._lost(f"it has been full for {_FULL_S:g} s") from None
@@ -324,7 +332,7 @@ class Link:
 
         A socket says so with it; an idle terminal reads empty too (pyserial sets VMIN 0), until it hangs up.
         """
-        if not os.isatty(self._fd):
+        if not (SELECTS_FILES and os.isatty(self._fd)):
             return True
         poll = select.poll()
         poll.register(self._fd, select.POLLIN)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -164,8 +165,8 @@ def _wobble(bearing: Bearing) -> Wobble:
 
 
 def _port(name: str, place: str | None, config: LabConfig) -> Port:
-    """Return a TCP port for a device that the bench file has on one, else a pseudo-terminal."""
-    if place is not None and place.startswith("socket://"):
+    """Return a TCP port for a device that the bench file has on one, else a pseudo-terminal where there are."""
+    if (place is not None and place.startswith("socket://")) or not hasattr(os, "openpty"):
         return TcpPort(name)
     returns = any(fault.kind == VANISH and fault.port == name for fault in config.faults)
     return PtyPort(name, returns=returns)

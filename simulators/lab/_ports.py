@@ -7,17 +7,15 @@ nobody reads does.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
-import select
 import socket
 import struct
 import tempfile
-import tty
 from abc import ABC, abstractmethod
 from pathlib import Path
 
 from drivers.base.lab_time import MakeRoom
+from drivers.base.system import WRITABLE
 
 _BLOCK = 65536
 _TCGETS2 = 0x802C542A
@@ -70,16 +68,20 @@ class Port(ABC):
         view = memoryview(data)
         while view:
             try:
-                view = view[os.write(self.fileno(), view) :]
+                view = view[self._send(view) :]
             except BlockingIOError:
                 if self.make_room is None:
                     break
-                while not self.make_room(self.fileno(), select.POLLOUT):
+                while not self.make_room(self.fileno(), WRITABLE):
                     pass
             except ConnectionError:  # reset by the bench while an answer was on its way
                 self.shut()
                 return
         self.written += len(data) - len(view)
+
+    @abstractmethod
+    def _send(self, data: memoryview) -> int:
+        """Send what fits to the bench and return how much that was; BlockingIOError if nothing does."""
 
     @abstractmethod
     def unplug(self) -> None:
@@ -113,11 +115,15 @@ class PtyPort(Port):
 
     def baudrate(self) -> int:
         """Return what the bench has set on its side of the terminal."""
+        import fcntl  # a system without it has no pseudo-terminals, either
+
         told = fcntl.ioctl(self._master, _TCGETS2, bytes(_TERMIOS2.size))
         return int(_TERMIOS2.unpack(told)[-1])
 
     def plug(self) -> None:
         """Make the terminal."""
+        import tty
+
         self._master, self._slave = os.openpty()
         # Raw before anybody knows the name: the line discipline would echo and translate. The slave stays open
         # here, else the master reads EIO when the bench closes.
@@ -144,6 +150,9 @@ class PtyPort(Port):
             return b""
         self.received += len(data)
         return data
+
+    def _send(self, data: memoryview) -> int:
+        return os.write(self._master, data)
 
     def close(self) -> None:
         """Remove both sides, and the link."""
@@ -199,6 +208,11 @@ class TcpPort(Port):
             self.shut()
         self.received += len(data)
         return data
+
+    def _send(self, data: memoryview) -> int:
+        if self._connection is None:
+            raise ConnectionError("nobody is connected")
+        return self._connection.send(data)
 
     def unplug(self) -> None:
         """Hang up and refuse connections; the port's number stays taken."""

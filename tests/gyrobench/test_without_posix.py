@@ -5,6 +5,7 @@ Only our modules are kept from them: the libraries underneath have their own way
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -17,6 +18,7 @@ from bench.analysis.gap._exam import make_case, nominal_model
 from bench.analysis.gap._model_file import model_text
 
 ROOT = Path(__file__).parents[2]
+DEMO = ROOT / "examples" / "demo.toml"
 MAPPING = """
 format = 1
 unit_id = "SN1"
@@ -32,7 +34,7 @@ for library in ("asammdf", "distributed", "matplotlib.pyplot", "nicegui", "pymod
     importlib.import_module(library)
 """
 HIDDEN = """
-import importlib, pkgutil, sys
+import fcntl as real, importlib, pkgutil, struct, sys, types
 import can, joblib, multiprocessing, pandas, rich.live, serial, serial.tools.list_ports
 
 class Hides:
@@ -43,14 +45,31 @@ class Hides:
 for name in ("termios", "fcntl", "tty", "pty", "resource"):
     sys.modules.pop(name, None)
 sys.meta_path.insert(0, Hides())
-import os, signal, socket, tempfile  # those who need more than Windows has ask at their import
-del socket.AF_UNIX, signal.SIGHUP, signal.SIGKILL, signal.SIGUSR1
+import os, select, selectors, signal, socket, subprocess, tempfile  # who needs more than Windows asks at import
+del socket.AF_UNIX, signal.SIGHUP, signal.SIGKILL, signal.SIGUSR1, select.poll, select.POLLIN, select.POLLOUT
 for name in (
     "O_CLOEXEC", "O_NONBLOCK", "O_DIRECTORY", "O_NOFOLLOW", "O_SYNC", "fdatasync", "fork", "openpty", "getuid",
     "geteuid", "killpg", "getpgid", "setsid", "pread", "pwrite", "mkfifo", "sched_getaffinity",
-    "sched_setaffinity", "statvfs", "posix_fadvise", "ttyname",
+    "sched_setaffinity", "statvfs", "posix_fadvise", "ttyname", "set_blocking", "isatty", "pidfd_open",
 ):
     delattr(os, name)
+"""
+LOCKING = """
+# msvcrt.locking as Python documents it: bytes from where the file is, OSError where another handle has them
+def locking(descriptor, mode, count):
+    kind = real.F_UNLCK if mode == 0 else real.F_WRLCK
+    real.fcntl(descriptor, real.F_OFD_SETLK, struct.pack("hhqqi4x", kind, os.SEEK_CUR, 0, count, 0))
+
+sys.modules["msvcrt"] = types.SimpleNamespace(LK_UNLCK=0, LK_LOCK=1, LK_NBLCK=2, locking=locking)
+"""
+PAIRS = """
+def socketpair():  # over TCP, as Python has it on Windows
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        near = socket.create_connection(listener.getsockname())
+        far, _ = listener.accept()
+    return near, far
+
+socket.socketpair = socketpair
 """
 IMPORTS = """
 import bench, drivers, gyrobench, procedures, simulators
@@ -83,30 +102,73 @@ found = gyrobench.diagnose(["case/runs.toml"], "nominal.toml")
 print(found)
 print([(cause.effect, cause.values) for channel in found.channels for cause in getattr(channel, "causes", ())])
 """
-NEEDS_POSIX = {
-    *(
-        "bench.campaign",
-        "bench.control.lease",
-        "bench.control.operators",
-        "bench.control.recover",
-        "bench.control.runner",
-    ),
-    *("bench.control.watchdog", "bench.lab.rehearsal", "bench.lab.testing", "bench.present.cli._shown_run"),
-    *("gyrobench._operate", "simulators.lab._build", "simulators.lab._core", "simulators.lab._ports"),
-    *("simulators.lab._service", "simulators.lab._lock_step", "simulators.lab.in_process"),
-    *("bench.present.panel", "gyrobench.bluesky"),
-}
-"""What takes a lease or looks for one, locks a campaign, or serves an emulated lab on ptys."""
+REHEARSE = """
+import sys
+import gyrobench
+for number in range(2):  # the second finds no lease of the first
+    result = gyrobench.rehearse("known-state", sys.argv[1], "ran", seed=3)
+    assert result.outcome == "completed", result.reason
+run = gyrobench.open_run(result.folder)
+print({name: entry.sha256 for name, entry in run.manifest.files.items() if name.startswith("raw/")})
+"""
+RUN = """
+import sys
+import gyrobench
+try:
+    gyrobench.run("known-state", sys.argv[1], yes=True)
+except gyrobench.ConfigurationError as error:
+    print(error.remedy)
+"""
+HELD = """
+import sys
+from bench.control.lease import lease_holder, take_lease
+bench = gyrobench.load_bench(sys.argv[1])
+with take_lease(bench, "one"):
+    print(lease_holder(bench).purpose)
+    try:
+        take_lease(bench, "two")
+    except gyrobench.BenchInUse as error:
+        print("in use:", "one" in str(error))
+print(lease_holder(bench))
+with take_lease(bench, "three") as lease:
+    print(lease.stale)
+"""
 
 
 def said(code: str, folder: Path, *words: str) -> str:
-    done = subprocess.run([sys.executable, "-c", code, *words], cwd=folder, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words],
+        cwd=folder,
+        env=os.environ | {"USERNAME": "somebody", "XDG_STATE_HOME": str(folder / "state")},
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
-def test_everything_but_running_a_bench_is_imported(tmp_path: Path) -> None:
-    assert set(said(LIBRARIES + HIDDEN + IMPORTS, tmp_path).split()) == NEEDS_POSIX
+def test_everything_is_imported(tmp_path: Path) -> None:
+    assert said(LIBRARIES + HIDDEN + IMPORTS, tmp_path) == ""
+
+
+def test_a_bench_is_leased_to_one(tmp_path: Path) -> None:
+    shown = said(HIDDEN + LOCKING + "import gyrobench" + HELD, tmp_path, str(DEMO)).splitlines()
+    assert shown == ["one", "in use: True", "None", "()"]
+
+
+@pytest.mark.slow
+def test_a_rehearsal_over_tcp_records_the_same_bytes(tmp_path: Path) -> None:
+    here, there = tmp_path / "here", tmp_path / "there"
+    here.mkdir()
+    there.mkdir()
+    hidden = said(HIDDEN + LOCKING + PAIRS + REHEARSE, there, str(DEMO))
+    assert hidden == said(REHEARSE, here, str(DEMO)) and "raw/fog_1.idx" in hidden
+
+
+def test_a_run_on_devices_without_a_watchdog_is_asked_for(tmp_path: Path) -> None:
+    refused = HIDDEN + LOCKING + PAIRS + RUN
+    assert "`watchdog = false` in [safe]" in said(refused, tmp_path, str(DEMO))
+    assert not (tmp_path / "runs").exists()
 
 
 def test_a_look_has_the_same_figures(tmp_path: Path) -> None:

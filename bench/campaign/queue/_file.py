@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import secrets
 from collections.abc import Iterator
@@ -15,6 +14,8 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 from bench.record.events import Role
 from drivers.base.errors import RecordError
 from drivers.base.files import SETTINGS_BYTES, read_bounded, replace_file
+from drivers.base.locks import take_lock
+from drivers.base.system import open_flags
 
 FOLDER = ".queue"
 """Where queues lie in a runs folder: hidden, so that nobody takes it for a run."""
@@ -171,11 +172,11 @@ def alone(path: Path) -> Iterator[None]:
     lock = path.with_suffix(".lock")
     try:
         lock.parent.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        descriptor = os.open(lock, open_flags("O_RDWR", "O_CREAT"), 0o644)
     except OSError as error:
         raise RecordError("the queue cannot be written", where=str(lock), found=str(error)) from error
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        take_lock(descriptor, wait=True)
         yield
     finally:
         os.close(descriptor)
