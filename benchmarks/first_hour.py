@@ -4,6 +4,7 @@ in a folder of its own that has the examples. A TOML block that begins with a fi
 
     python -m benchmarks.first_hour            from `make setup` on, in a copy that has no environment yet
     python -m benchmarks.first_hour --quick    with the environment that runs this, without what takes minutes
+    python -m benchmarks.first_hour docs/own_procedure.md    `make setup`, then this page only; or several pages
 
 `gyrobench run` meets an emulated lab in virtual time: the ports that a user enters are the lab's.
 It ends at the first block that does not do what its page says.
@@ -186,20 +187,36 @@ def place_of(page: str, clone: Path) -> Path:
 def main() -> int:
     """Type everything; return the exit code."""
     quick = "--quick" in sys.argv
+    asked = [name for name in sys.argv[1:] if name.endswith(".md")]
+    set_up = (
+        []
+        if quick or not asked
+        else [next(block for block in blocks("README.md") if "make setup" in block.text)]
+    )
+    everything = [*set_up, *(block for page in asked or PAGES for block in blocks(page))]
     programs = Path(sys.executable).parent if quick else None
+    start_s = host_seconds()
     with tempfile.TemporaryDirectory() as folder:
         clone = copied(Path(folder))
-        for block in (block for page in PAGES for block in blocks(page)):
+        for block in everything:
             if quick and (block.slow or "activate" in block.text):
                 continue
-            began_s = host_seconds()
+            began_s, used_s = host_seconds(), _processor_s()
             wrong = typed(block, place_of(block.page, clone), programs)
-            took, word = f"{host_seconds() - began_s:6.1f} s", "FAILED" if wrong else "ok"
+            took = f"{host_seconds() - began_s:6.1f} s, {_processor_s() - used_s:6.1f} s of processor"
+            word = "FAILED" if wrong else "ok"
             print(f"{word:6s} {took}  {block.page}: {block.file or block.lines[0]}", flush=True)
             if wrong:
                 print(block.text, wrong, sep="\n")
                 return 1
+        print(f"all of it: {host_seconds() - start_s:.0f} s, {_processor_s():.0f} s of processor")
     return 0
+
+
+def _processor_s() -> float:
+    """Return the processor time, s, of all that was typed so far and has ended."""
+    now = os.times()
+    return now.children_user + now.children_system
 
 
 if __name__ == "__main__":

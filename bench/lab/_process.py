@@ -9,6 +9,7 @@ from contextlib import suppress
 from typing import Any
 
 from drivers.base.errors import BenchError, ConfigurationError
+from drivers.base.system import SELECTS_FILES
 
 
 class LabProcess:
@@ -18,6 +19,12 @@ class LabProcess:
     """
 
     def __init__(self, line: bytes) -> None:
+        if not SELECTS_FILES:
+            raise ConfigurationError(
+                "an emulated lab cannot have a process of its own on this system",
+                expected="Linux",
+                remedy="rehearse: the lab is then in the bench's process",
+            )
         self._popen = subprocess.Popen(
             [sys.executable, "-P", "-m", "simulators.lab"],
             stdin=subprocess.PIPE,
