@@ -415,7 +415,7 @@ MECHANISMS = (
         Value("None"),
         "tests/control/test_limits.py",
     ),
-    Mechanism(2, "one user a bench", f"{_CONTROL}.lease:_lock", Skip("_set_lock"), _T_LEASE),
+    Mechanism(2, "one user a bench", f"{_CONTROL}.lease:_lock", Skip("take_lock"), _T_LEASE),
     Mechanism(
         2, "a stale lease is recognised", f"{_CONTROL}.lease:take_lease", Skip("stale.append"), _T_LEASE
     ),

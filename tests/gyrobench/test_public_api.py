@@ -13,8 +13,14 @@ import numpy as np
 import pytest
 
 import gyrobench
+from bench.analysis.calibration import Calibration
+from bench.analysis.common.compensation import FittedCompensation
+from bench.analysis.figures import Figure, StandardFigures
+from bench.analysis.heading import HeadingStudy
+from bench.analysis.rlg import RlgStudy
 from bench.present.report import render_page
 from bench.record.benchfile import load_bench_file
+from bench.record.shown import Shown
 from benchmarks.public_names import listed
 
 ROOT = Path(__file__).parents[2]
@@ -117,3 +123,12 @@ def test_a_look_is_plotted_without_its_tables(tmp_path: Path) -> None:
     plots = gyrobench.plot(gyrobench.look(tmp_path / "log.csv"))
     assert "<svg" in plots.save(tmp_path / "look.html").read_text(encoding="utf-8")
     assert "<table" not in render_page(plots._page)
+
+
+def test_what_fits_return_shows_itself_in_a_line() -> None:
+    figure = Figure("bias", 1.23456789, "deg/h", "IEEE Std 952", 1.1, 1.3)
+    assert repr(figure) == "<Figure: bias 1.23457 deg/h, 95 % 1.1 .. 1.3>"
+    for kind in (Calibration, FittedCompensation, HeadingStudy, RlgStudy, StandardFigures, gyrobench.Study):
+        assert issubclass(kind, Shown) and kind.__repr__ is Shown.__repr__, kind
+    for kind in FittedCompensation.__subclasses__():
+        assert kind.__repr__ is Shown.__repr__, kind

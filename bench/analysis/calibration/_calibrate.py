@@ -20,14 +20,15 @@ from bench.analysis.calibration._schedule import load_scheme
 from bench.analysis.common.compensation import provenance
 from bench.record.exchange import read_table
 from bench.record.recording import checksum
+from bench.record.shown import Shown
 from drivers.base.errors import ConfigurationError, RecordError
 
 _COLUMNS = [f"gyro_{axis}_dps" for axis in "xyz"] + [f"accelerometer_{axis}_mps2" for axis in "xyz"]
 _PERIOD_TOLERANCE = 0.1
 
 
-@dataclass(frozen=True, eq=False)
-class Calibration:
+@dataclass(frozen=True, eq=False, repr=False)
+class Calibration(Shown):
     """What a record gave: the estimate, what its scheme promised, and what the record shows of its noise.
 
     `corrected`: the estimate is with the noise and wander that the record shows, not with those told.
@@ -39,6 +40,15 @@ class Calibration:
     wander: BiasWander | None
     noise: RecordNoise
     corrected: bool
+
+    def shown(self) -> dict[str, object]:
+        """Return unit, run and scheme, and how well the estimate explains the record (1: as its noise says)."""
+        return {
+            "unit": self.run.unit_id,
+            "run": self.run.run_id,
+            "scheme": self.run.schedule.name,
+            "innovation rms": self.estimate.innovation_rms,
+        }
 
     def compensation(self, declared: Sequence[str] = ()) -> ImuCompensation:
         """Return the compensation; `declared`: what its user has to know of it."""

@@ -17,7 +17,7 @@ MODEL = "gyro w~ = (I + K_g) w + eps; accelerometer f~ = (I + K_a) f + nabla + K
 GAUGE = "K_a lower triangular: x along accelerometer x, y in the plane of accelerometers x and y"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ImuCompensation(FittedCompensation):
     """The calibration of one unit. SI: `parameters`, `sigma` (24,), `covariance` (24, 24), `lever_m` (2, 3) and
     `lag_s`. `declared`: what the scheme could not see and other doubts.

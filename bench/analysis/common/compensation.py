@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.common.state_file import read_state, unreadable, write_state
+from bench.record.shown import Shown
 from drivers.base.arrays import Array
 from drivers.base.clock import utc_now
 from drivers.base.errors import ConfigurationError, RecordError
@@ -29,8 +30,8 @@ class UnitMismatch(ConfigurationError):
     """A compensation of one unit, asked to correct another."""
 
 
-@dataclass(frozen=True, eq=False)
-class FittedCompensation:
+@dataclass(frozen=True, eq=False, repr=False)
+class FittedCompensation(Shown):
     """A fitted correction of one unit. `runs`: ids of the runs it was fitted on, with their checksums.
 
     `unit_id` is empty where the record did not say (a log of other software): then no unit is refused.
@@ -52,6 +53,10 @@ class FittedCompensation:
     runs: Mapping[str, str] = field(default_factory=dict, kw_only=True)
     software: Mapping[str, str] = field(default_factory=dict, kw_only=True)
     created_utc: str = field(default="", kw_only=True)
+
+    def shown(self) -> dict[str, object]:
+        """Return what it corrects, of which unit, and the runs that it was fitted on."""
+        return {"corrects": self.WHAT, "unit": self.unit_id or "not said", "fitted on": list(self.runs)}
 
     def _described(self) -> dict[str, Any]:
         """Return what this kind says in words and numbers, JSON-able: its own attributes, if no more is said."""

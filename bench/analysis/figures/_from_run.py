@@ -18,11 +18,12 @@ from bench.analysis.figures._record import Measured, Record
 from bench.record.benchfile import calibrations_of
 from bench.record.events.run import Interval
 from bench.record.recording import Run
+from bench.record.shown import Shown
 from drivers.base.errors import BenchError, ConfigurationError
 
 
-@dataclass(frozen=True)
-class StandardFigures:
+@dataclass(frozen=True, repr=False)
+class StandardFigures(Shown):
     """Figures of one unit. `missing`: what the record does not give, and why."""
 
     run_id: str
@@ -32,6 +33,15 @@ class StandardFigures:
     missing: tuple[tuple[str, str], ...]
     allan: AllanDeviation | None
     noise: NoiseFit | None
+
+    def shown(self) -> dict[str, object]:
+        """Return the unit, the run, and how many figures it gives; `figures` has them."""
+        return {
+            "unit": self.unit_id,
+            "run": self.run_id,
+            "figures": len(self.figures),
+            "not measured": [what for what, _ in self.missing],
+        }
 
     def value(self, name: str) -> float:
         """Return a figure's value; raises KeyError."""

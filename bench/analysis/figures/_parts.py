@@ -37,6 +37,7 @@ from bench.analysis.figures._scale_factor import (
     slope_weights,
 )
 from bench.record.events.run import Interval
+from bench.record.shown import Shown
 from drivers.base.arrays import Array
 from drivers.base.constants import DPH_PER_DPS, earth_rate_north_dph, earth_rate_up_dph
 from drivers.base.errors import ConfigurationError
@@ -44,8 +45,8 @@ from drivers.base.errors import ConfigurationError
 _STANDARDS = "IEEE Std 952; GJB 2426A"
 
 
-@dataclass(frozen=True)
-class Figure:
+@dataclass(frozen=True, repr=False)
+class Figure(Shown):
     """One figure: unit, where its definition stands, and the 95 % interval that holds it where one is known.
 
     `seen`: whether the record shows it at all, or only that it is at most `bound`. `budget`: what its interval is
@@ -61,6 +62,12 @@ class Figure:
     seen: bool = True
     freedom: float = math.inf
     budget: Budget | None = None
+
+    def shown(self) -> dict[str, object]:
+        """Return the value with its unit, and the 95 % interval where it is known."""
+        known = self.low is not None and self.high is not None
+        interval = {"95 %": f"{self.low:.6g} .. {self.high:.6g}"} if known else {}
+        return {self.name: f"{self.value:.6g} {self.unit}".rstrip(), **interval}
 
     @classmethod
     def of(cls, name: str, estimate: Estimate, unit: str, source: str) -> Figure:

@@ -18,7 +18,7 @@ _SAME = ("form", "tau_s", "reference_heading_deg", "latitude_deg", "headings", "
 """Numbers of the model that have the same name in the file."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class HeadingCompensation(FittedCompensation):
     """A fitted heading effect of one platform."""
 

@@ -15,6 +15,7 @@ from bench.analysis.heading._lagged import Form, LaggedModel, fit_lagged
 from bench.analysis.heading._log import PlatformLog, Stay, settled, stays
 from bench.analysis.heading._nine import NineCoefficients, compensate_nine, fit_nine, integrate
 from bench.analysis.heading._window import DEFAULT_WINDOW_S, extract
+from bench.record.shown import Shown
 from drivers.base.arrays import Array
 from drivers.base.constants import SIDEREAL_DAY_S
 from drivers.base.errors import RecordError
@@ -60,8 +61,8 @@ class DriftCourse:
     settled: NDArray[np.bool_]
 
 
-@dataclass(frozen=True, eq=False)
-class HeadingStudy:
+@dataclass(frozen=True, eq=False, repr=False)
+class HeadingStudy(Shown):
     """`nine` is None where the stays are too short for the window form; `nine_refused` says why.
 
     `compensation` is None where temperature is not the cause, and then nothing is judged.
@@ -73,6 +74,14 @@ class HeadingStudy:
     findings: tuple[Finding, ...]
     judgements: tuple[Judgement, ...]
     course: DriftCourse
+
+    def shown(self) -> dict[str, object]:
+        """Return what drives the drift, and by how much the errors of each log fall."""
+        return {
+            "cause": self.model.evidence.cause,
+            "logs": [row.name for row in self.judgements],
+            "reduction, %": [row.reduction_percent for row in self.judgements],
+        }
 
 
 def study_heading(

@@ -15,7 +15,7 @@ from bench.analysis.rlg._variables import candidate_matrix
 from drivers.base.arrays import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RlgCompensation(FittedCompensation):
     """B = intercept + sum of coefficient * variable, in deg/h; temperatures in degC, rates in degC/min.
 

@@ -16,6 +16,7 @@ from bench.analysis.common.stepwise import StepwiseResult, stepwise
 from bench.analysis.rlg._compensation import RlgCompensation
 from bench.analysis.rlg._rows import RampRun
 from bench.analysis.rlg._variables import CANDIDATES, FIVE_TERMS, candidate_matrix
+from bench.record.shown import Shown
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
@@ -68,8 +69,8 @@ class StepwiseVariant:
         return float(np.mean([row.improvement_pct for row in self.judged])) if self.judged else float("nan")
 
 
-@dataclass(frozen=True)
-class RlgStudy:
+@dataclass(frozen=True, repr=False)
+class RlgStudy(Shown):
     """A study of one unit. `left_out`: variables that could take no part, and why."""
 
     unit_id: str
@@ -77,6 +78,15 @@ class RlgStudy:
     tests: tuple[RampRun, ...]
     variants: tuple[StepwiseVariant, ...]
     left_out: tuple[tuple[str, str], ...]
+
+    def shown(self) -> dict[str, object]:
+        """Return the unit, the chosen equation's terms, and what it improves on each test run."""
+        return {
+            "unit": self.unit_id,
+            "terms": list(self.chosen.result.selected),
+            "tests": [row.run_id for row in self.chosen.judged],
+            "improvement, %": [row.improvement_pct for row in self.chosen.judged],
+        }
 
     @property
     def chosen(self) -> StepwiseVariant:

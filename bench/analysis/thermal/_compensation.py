@@ -49,7 +49,7 @@ class Corrected:
     flags: NDArray[np.uint8]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Compensation(FittedCompensation):
     """A fitted thermal model of one unit.
 

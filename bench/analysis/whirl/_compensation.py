@@ -17,7 +17,7 @@ from drivers.base.arrays import Array
 from drivers.base.constants import ARCSEC_PER_RAD
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class WhirlCompensation(FittedCompensation):
     """The tilt of the gyros' frame in body axes as a function of the rotation angle, arcsec, complex: x + j y.
 
