@@ -153,3 +153,8 @@ def test_beats_that_lay_in_the_pipe_are_no_sign_of_life_of_now(monkeypatch):
     )
     assert _process.main() == 0
     assert runner.silences_s == [pytest.approx(2.0)] and runner.now_s == pytest.approx(2.4)
+
+
+def test_a_count_of_waiting_that_begins_anew_takes_no_time_from_the_runner():
+    """The kernel counts a thread's waiting from its start: another thread's count may be the smaller one."""
+    assert SilenceTimeout(100.0, 5.0, HUNG_S).left_s(101.0, 3.0) == pytest.approx(HUNG_S - 1.0)

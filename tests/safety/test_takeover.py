@@ -306,6 +306,20 @@ def test_a_watchdog_that_was_stopped_gives_the_runner_its_time_anew_once(monkeyp
     assert heard.taken == [(7, pytest.approx(2.0))] and waited_s == [60.0, 2.0, 2.0]
 
 
+def test_one_that_was_stopped_before_anything_came_gives_the_runner_its_time_anew_too(monkeypatch):
+    """It guards from its start, wants to wake after 2 s and does after 9, and then after the 2 s it gives anew."""
+    heard, now_s, waits = Heard(monkeypatch, [], armed=True), [100.0], iter([9.0, 2.0])
+
+    def select(*_):
+        now_s[0] += next(waits)
+        return [], [], []
+
+    monkeypatch.setattr(_process.select, "select", select)
+    monkeypatch.setattr(_process, "host_seconds", lambda: now_s[0])
+    assert _process.main() == 0
+    assert heard.taken == [(7, pytest.approx(2.0))]
+
+
 @pytest.mark.parametrize(("settings", "runner"), [({}, 7), ({"ready": lost}, 7), ({"runner": ended}, None)])
 def test_one_that_takes_the_place_of_a_lost_watchdog_guards_from_its_start(monkeypatch, settings, runner):
     """The runner that ordered it died before it was up."""
