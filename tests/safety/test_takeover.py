@@ -307,7 +307,7 @@ def test_a_watchdog_that_was_stopped_gives_the_runner_its_time_anew_once(monkeyp
 
 
 def test_one_that_was_stopped_before_anything_came_gives_the_runner_its_time_anew_too(monkeypatch):
-    """It guards from its start, wants to wake after 2 s and does after 9, then after the 2 s that it gives anew."""
+    """It guards from its start, wants to wake after 2 s and does after 9, then after the 2 s given anew."""
     heard, now_s, waits = Heard(monkeypatch, [], armed=True), [100.0], iter([9.0, 2.0])
 
     def select(*_):
