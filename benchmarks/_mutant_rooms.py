@@ -82,7 +82,8 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         ),
         _part(
             "drivers/frames/*",
-            "tests/drivers/frames/test_frames_rules test_frames_document test_printed_lines test_frames_resync",
+            "tests/drivers/frames/test_frames_by_hand test_frames_rules test_frames_document test_printed_lines",
+            "tests/drivers/frames/test_frames_resync",
             "tests/drivers/frames/test_frames_shipped",
             "tests/drivers/frames/test_frames_settings test_frames_lines test_fuzz",
         ),
