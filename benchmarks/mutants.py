@@ -12,7 +12,7 @@ changed, quickest first, then the others of their files where they share a fixtu
 collected them, with the new code given to the function (benchmarks/_warm.py); where the statement is executed at
 import, all is imported anew and all tests run. Last, of what survives, come tests that ran nothing of the part:
 they run it in another process. A mutant is caught if a test fails, or if the tests take several times the
-processor time that they take without it. A test on the host's clock must fail twice. Results are kept by room in
+processor time that they take without it. A test must fail twice: a busy machine fails one now and then. Results are kept by room in
 build/mutants: what is broken off goes on; a caught mutant stays caught while its file is the same; a survivor is
 asked the tests that have changed. Those that no input can show stand in equivalent_mutants.toml, with the reason,
 and do not count. `--write` puts the table into benchmarks/reliability.md; `--kept` tries nothing and tells what
@@ -172,11 +172,20 @@ class Trials:
             return Outcome(PASSED, "", 0.0)
         with self._copy.changed(mutant.file, mutated(mutant)):
             found = self._run(mutant, order)
-            if found.kind != PASSED and self._uses_the_hosts_clock(found.test):
-                again = self._run(mutant, [test for test in order if test.startswith(found.test)] or order)
+            if found.kind == FAILED or (found.kind == TIME and self._uses_the_hosts_clock(found.test)):
+                again = self._run(mutant, self._of(found.test, order) or order)
                 if again.kind == PASSED:  # it had failed because the machine was busy
                     found = self._run(mutant, order)
         return found
+
+    def fails_again(self, mutant: Mutant, test: str) -> bool:
+        """Return whether a test that has caught a mutant, all cases of it, catches it once more."""
+        order = self._of(test, self.clean(mutant.part).order(mutant))
+        with self._copy.changed(mutant.file, mutated(mutant)):
+            return bool(order) and self._run(mutant, order).kind != PASSED
+
+    def _of(self, test: str, order: Sequence[str]) -> list[str]:
+        return [each for each in order if each == test or each.startswith(f"{test}[")]
 
     def close(self) -> None:
         """End the processes that have collected tests."""
@@ -197,8 +206,8 @@ class Trials:
         return self._named(self._copy.run(files, lambda: self._progress.allowed_s, [steps]), order)
 
     def _named(self, found: Outcome, order: Sequence[str]) -> Outcome:
-        """Return the outcome with the test that it hung in."""
-        if found.kind == TIME and self._progress.running >= 0:
+        """Return the outcome with the test that ran last."""
+        if found.kind != PASSED and self._progress.running >= 0:
             return replace(found, test=order[self._progress.running])
         return found
 
@@ -266,18 +275,35 @@ class Kept:
             return []
         return [file for file in mutant.part.tests if row["survived"].get(file) != digest(file)]
 
+    def once(self, mutant: Mutant) -> str:
+        """Return the test that has caught a mutant once and was not asked again; empty for any other mutant."""
+        row = self.row(mutant)
+        return row["by"] if row and row["outcome"] == _CAUGHT and not row.get("twice") else ""
+
+    def twice(self, mutant: Mutant, again: bool) -> None:
+        """Keep whether a test that has caught a mutant catches it again; if not, nothing is known of it."""
+        if again:
+            self._rows[mutant.key]["twice"] = True
+        else:
+            del self._rows[mutant.key]
+        self._write()
+
     def keep(self, mutant: Mutant, found: Outcome, files: Sequence[str]) -> dict[str, Any]:
         """Keep what was found, at once."""
         before = self.row(mutant) or {"survived": {}}
         outcome = {PASSED: _SURVIVED, FAILED: _CAUGHT}.get(found.kind, found.kind)
         row = {"outcome": outcome, "by": found.test, "change": change(mutant), "source": digest(mutant.file)}
         row["survived"] = before["survived"] | {file: digest(file) for file in files}
+        row["twice"] = True
         self._rows[mutant.key] = row
+        self._write()
+        return row
+
+    def _write(self) -> None:
         self._path.parent.mkdir(parents=True, exist_ok=True)
         beside = self._path.with_suffix(".part")
         beside.write_text(json.dumps(self._rows, indent=1), encoding="utf-8")
         beside.replace(self._path)
-        return row
 
 
 def _equivalent() -> dict[tuple[str, str, str], str]:
@@ -294,6 +320,12 @@ def _try(room: str, count: int, trials: Trials, *, blind: bool) -> None:
     kept, mutants, equivalent = Kept(room), drawn(room, count), _equivalent()
     for number, mutant in enumerate(mutants, 1):
         same = (mutant.file, mutant.function, change(mutant)) in equivalent
+        if test := kept.once(mutant):
+            again = trials.fails_again(mutant, test)
+            print(
+                f"{room}, {number} of {len(mutants)}: {'again' if again else 'not again'}, {test}", flush=True
+            )
+            kept.twice(mutant, again)
         files = [] if same else kept.unasked(mutant)
         if files and not blind:
             files = [file for file in files if file not in trials.clean(mutant.part).blind()]
