@@ -12,31 +12,32 @@ changed, quickest first, then the others of their files where they share a fixtu
 collected them, with the new code given to the function (benchmarks/_warm.py); where the statement is executed at
 import, all is imported anew and all tests run. Last, of what survives, come tests that ran nothing of the part:
 they run it in another process. A mutant is caught if a test fails, or if the tests take several times the
-processor time that they take without it. A test must fail twice: a busy machine fails one now and then. Results are kept by room in
-build/mutants: what is broken off goes on; a caught mutant stays caught while its file is the same; a survivor is
-asked the tests that have changed. Those that no input can show stand in equivalent_mutants.toml, with the reason,
-and do not count. `--write` puts the table into benchmarks/reliability.md; `--kept` tries nothing and tells what
-is known; `--near` leaves out the tests in other processes: what they would catch counts as survived.
+processor time that they take without it. A test must fail twice: a busy machine fails one now and then. Results
+are kept by room in build/mutants: what is broken off goes on; a caught mutant stays caught while its file is the
+same; a survivor is asked the tests that have changed. Those that no input can show stand in
+equivalent_mutants.toml, with the reason, and do not count. `--write` puts the table into
+benchmarks/reliability.md; `--kept` tries nothing and tells what is known; `--near` leaves out the tests in other
+processes: what they would catch counts as survived.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import sys
 import tempfile
 import time
 import tomllib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from benchmarks._clean import Clean, Watch, file_of
 from benchmarks._mutant_rooms import ROOMS, Part
-from benchmarks._mutations import KEPT, Mutant, change, digest, drawn, mutated, statement
+from benchmarks._mutations import KEPT, Mutant, change, digest, drawn, mutated
 from benchmarks._sections import write_section
-from benchmarks._trial import FAILED, PASSED, ROOT, TIME, Copy, Early, Outcome, Progress, Steps
+from benchmarks._trial import FAILED, PASSED, ROOT, TIME, Copy, Outcome, Progress, Steps
 from benchmarks._warm import Cold, Warm
 
 _EQUIVALENT = Path(__file__).with_name("equivalent_mutants.toml")
@@ -46,113 +47,9 @@ _FACTOR, _LEAST_S, _CLEAN_S = 2.5, 6.0, 900.0
 """A mutant's tests may take so many times the processor time that they take without it, and so much more."""
 _TRIES = 3
 """Without a mutant, of the tests on the host's clock, one may fail on a busy machine."""
-_BLIND_S = 1e3
-"""Tests that ran nothing of a part come last, as if they took so long."""
 _COLD_S = 12.0
 """So much more where all is imported anew."""
 _CAUGHT, _SURVIVED, _SAME = "caught", "survived", "equivalent"
-
-
-@dataclass(frozen=True)
-class Clean:
-    """A part's tests without a mutant: the processor time that each takes, and which lines it runs."""
-
-    seconds: dict[str, float]
-    ran: dict[str, dict[int, list[str]]]
-    """Tests by file and line."""
-    imported: dict[str, set[int]]
-    """Lines that are executed before the tests."""
-
-    def order(self, mutant: Mutant) -> list[str]:
-        """Return the tests that may find the mutant, in the order in which they find it soonest.
-
-        Those that ran its statement, quickest first, then the others of their files where a fixture makes
-        something for more than one of them, then files that ran nothing of the part, because they run it in
-        another process: these alone if no test ran the statement. If it is executed at import, all are returned.
-        """
-        near = set(self.seconds) if self.at_import(mutant) else set(self._ran(mutant))
-        first = dict.fromkeys(self.blind(), _BLIND_S)
-        for test in near:
-            first[_file_of(test)] = min(self.seconds[test], first.get(_file_of(test), _BLIND_S))
-
-        def key(test: str) -> tuple[bool, float, str, float]:
-            file = _file_of(test)
-            return test not in near, first[file], file, self.seconds[test]
-
-        asked = near | {
-            test for test in self.seconds if _file_of(test) in first and self._shares(_file_of(test))
-        }
-        return sorted(asked, key=key)
-
-    def _shares(self, file: str) -> bool:
-        """Return whether a file's tests may see what others of them ran (or ran nothing of the part)."""
-        texts = [
-            path.read_text("utf-8")
-            for path in (ROOT / file, ROOT / Path(file).parent / "conftest.py")
-            if path.exists()
-        ]
-        return file in self.blind() or any(word in text for text in texts for word in ('scope="', "cache"))
-
-    def blind(self) -> set[str]:
-        """Return the files with tests that ran nothing of the part: they run it in another process."""
-        seeing = {_file_of(test) for of in self.ran.values() for tests in of.values() for test in tests}
-        return {_file_of(test) for test in self.seconds} - seeing
-
-    def at_import(self, mutant: Mutant) -> bool:
-        """Return whether the mutant's statement is executed before the tests."""
-        return bool(self.imported[mutant.file] & set(statement(mutant)))
-
-    def _ran(self, mutant: Mutant) -> list[str]:
-        lines = self.ran[mutant.file]
-        return [test for line in statement(mutant) for test in lines.get(line, ())]
-
-
-def _file_of(test: str) -> str:
-    return test.partition("::")[0]
-
-
-class _Watch(Early):
-    """Pytest plug-in that writes down, by file, what each test takes and which lines it runs."""
-
-    def __init__(self, sources: Sequence[Path], notes: Path) -> None:
-        self._sources, self._notes = sources, notes
-        self._seconds: dict[str, float] = {}
-        self._failed: set[str] = set()
-
-    def begin(self) -> None:
-        from coverage import Coverage
-
-        self._coverage = Coverage(
-            data_file=None, config_file=False, include=[str(path) for path in self._sources]
-        )
-        self._coverage.start()
-
-    def pytest_runtest_logstart(self, nodeid: str) -> None:
-        self._coverage.switch_context(nodeid)
-        self._seconds[nodeid] = -sum(os.times()[:4])
-
-    def pytest_runtest_logreport(self, report: Any) -> None:
-        if report.failed:
-            self._failed.add(_file_of(report.nodeid))
-
-    def pytest_runtest_logfinish(self, nodeid: str) -> None:
-        self._seconds[nodeid] += sum(os.times()[:4])
-
-    def pytest_unconfigure(self) -> None:
-        self._coverage.stop()
-        data = self._coverage.get_data()
-        rows = [data.contexts_by_lineno(str(path)) for path in self._sources]
-        found: dict[str, Any] = {}
-        for file in {_file_of(test) for test in self._seconds} - self._failed:
-            found[file] = {
-                "seconds": {test: s for test, s in self._seconds.items() if _file_of(test) == file},
-                "ran": [
-                    {line: [test for test in tests if _file_of(test) == file] for line, tests in of.items()}
-                    for of in rows
-                ],
-                "imported": [[line for line, tests in of.items() if "" in tests] for of in rows],
-            }
-        self._notes.write_text(json.dumps(found), encoding="utf-8")
 
 
 class Trials:
@@ -167,7 +64,7 @@ class Trials:
     def outcome(self, mutant: Mutant, files: Sequence[str]) -> Outcome:
         """Return what the tests of some files make of a mutant."""
         clean = self.clean(mutant.part)
-        order = [test for test in clean.order(mutant) if _file_of(test) in files]
+        order = [test for test in clean.order(mutant) if file_of(test) in files]
         if not order:
             return Outcome(PASSED, "", 0.0)
         with self._copy.changed(mutant.file, mutated(mutant)):
@@ -202,7 +99,7 @@ class Trials:
             with suppress(Cold):
                 found = self._warm[mutant.part].run(mutant.file, limits_s, _LEAST_S)
                 return self._named(found, order)
-        files, steps = sorted(set(map(_file_of, order))), Steps(self._progress, limits_s, _COLD_S)
+        files, steps = sorted(set(map(file_of, order))), Steps(self._progress, limits_s, _COLD_S)
         return self._named(self._copy.run(files, lambda: self._progress.allowed_s, [steps]), order)
 
     def _named(self, found: Outcome, order: Sequence[str]) -> Outcome:
@@ -212,7 +109,7 @@ class Trials:
         return found
 
     def _uses_the_hosts_clock(self, test: str) -> bool:
-        file = ROOT / _file_of(test)
+        file = ROOT / file_of(test)
         return file.is_file() and "pytest.mark.concurrent" in file.read_text(encoding="utf-8")
 
     def clean(self, part: Part) -> Clean:
@@ -243,7 +140,7 @@ class Trials:
             if not unknown:
                 return
             self._notes.write_text("{}", encoding="utf-8")
-            plugin = _Watch(sources, self._notes)
+            plugin = Watch(sources, self._notes)
             self._copy.run([*unknown, "--maxfail=1000"], _CLEAN_S, [plugin], keep_compiled=True)
             for file, notes in json.loads(self._notes.read_text(encoding="utf-8")).items():
                 kept[file].parent.mkdir(parents=True, exist_ok=True)
@@ -292,9 +189,9 @@ class Kept:
         """Keep what was found, at once."""
         before = self.row(mutant) or {"survived": {}}
         outcome = {PASSED: _SURVIVED, FAILED: _CAUGHT}.get(found.kind, found.kind)
-        row = {"outcome": outcome, "by": found.test, "change": change(mutant), "source": digest(mutant.file)}
+        row: dict[str, Any] = {"outcome": outcome, "by": found.test, "twice": True}
+        row |= {"change": change(mutant), "source": digest(mutant.file)}
         row["survived"] = before["survived"] | {file: digest(file) for file in files}
-        row["twice"] = True
         self._rows[mutant.key] = row
         self._write()
         return row

@@ -4,11 +4,12 @@ import importlib.util
 
 import pytest
 
-from benchmarks import _mutations, mutants
+from benchmarks import _clean, _mutations
+from benchmarks._clean import Clean
 from benchmarks._mutant_rooms import ROOMS
 from benchmarks._mutations import Mutant, drawn, mutated
 from benchmarks._warm import Cold, _exchange, _functions
-from benchmarks.mutants import Clean, _equivalent
+from benchmarks.mutants import _equivalent
 
 PART = ROOMS["safe"][0]
 SOURCE = """LIMIT = 1
@@ -40,7 +41,7 @@ def source(tmp_path, monkeypatch):
     (tmp_path / "m.py").write_text(SOURCE)
     (tmp_path / "b.py").write_text('@pytest.fixture(scope="module")')
     monkeypatch.setattr(_mutations, "ROOT", tmp_path)
-    monkeypatch.setattr(mutants, "ROOT", tmp_path)
+    monkeypatch.setattr(_clean, "ROOT", tmp_path)
     _mutations._tree.cache_clear()
     yield
     _mutations._tree.cache_clear()
