@@ -1,4 +1,4 @@
-"""A part's tests without a mutant: what each takes, which lines it runs; so, which tests are asked of a mutant."""
+"""A part's tests without a mutant: what each takes, which lines it runs; which tests are asked of a mutant."""
 
 from __future__ import annotations
 
