@@ -37,7 +37,7 @@ from benchmarks._clean import Clean, Watch, file_of
 from benchmarks._mutant_rooms import ROOMS, Part
 from benchmarks._mutations import KEPT, Mutant, change, digest, drawn, mutated
 from benchmarks._sections import write_section
-from benchmarks._trial import FAILED, PASSED, ROOT, TIME, Copy, Outcome, Progress, Steps
+from benchmarks._trial import FAILED, NO_TEST, PASSED, ROOT, TIME, Copy, Outcome, Progress, Steps
 from benchmarks._warm import Cold, Warm
 
 _EQUIVALENT = Path(__file__).with_name("equivalent_mutants.toml")
@@ -77,7 +77,8 @@ class Trials:
 
     def fails_again(self, mutant: Mutant, test: str) -> bool:
         """Return whether a test that has caught a mutant, all cases of it, catches it once more."""
-        order = self._of(test, self.clean(mutant.part).order(mutant))
+        every = self.clean(mutant.part).order(mutant)
+        order = every if test == NO_TEST else self._of(test, every)
         with self._copy.changed(mutant.file, mutated(mutant)):
             return bool(order) and self._run(mutant, order).kind != PASSED
 
