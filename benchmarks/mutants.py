@@ -69,7 +69,7 @@ class Trials:
             return Outcome(PASSED, "", 0.0)
         with self._copy.changed(mutant.file, mutated(mutant)):
             found = self._run(mutant, order)
-            if found.kind == FAILED or (found.kind == TIME and self._uses_the_hosts_clock(found.test)):
+            if found.kind == FAILED or (found.kind == TIME and self._may_have_starved(found.test)):
                 again = self._run(mutant, self._of(found.test, order) or order)
                 if again.kind == PASSED:  # it had failed because the machine was busy
                     found = self._run(mutant, order)
@@ -109,9 +109,10 @@ class Trials:
             return replace(found, test=order[self._progress.running])
         return found
 
-    def _uses_the_hosts_clock(self, test: str) -> bool:
+    def _may_have_starved(self, test: str) -> bool:
+        """Return whether a test waits on the host's clock, or nothing had begun yet."""
         file = ROOT / file_of(test)
-        return file.is_file() and "pytest.mark.concurrent" in file.read_text(encoding="utf-8")
+        return not test or (file.is_file() and "pytest.mark.concurrent" in file.read_text(encoding="utf-8"))
 
     def clean(self, part: Part) -> Clean:
         """Return what a part's tests do without any mutant; RuntimeError if they fail."""
