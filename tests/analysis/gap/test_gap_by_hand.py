@@ -20,7 +20,7 @@ from bench.analysis.gap._close import _interval
 from bench.analysis.gap._data import Group
 from bench.analysis.gap._evidence import reduced
 from bench.analysis.gap._fit import Floor
-from bench.analysis.gap._learn import _forms
+from bench.analysis.gap._learned_forms import candidates_for
 from bench.analysis.gap._rehearsal import log_gaps
 from bench.analysis.gap._rows import Steps
 from bench.analysis.gap._stochastic import _starts
@@ -180,7 +180,7 @@ def test_a_bias_over_the_tables_angle_is_learned_where_it_changes(
         np.arange(401.0), [0.0, 100.0, 300.0, 400.0], [10.0, 10.0, 10.0 + turned_deg, 10.0 + turned_deg]
     )
     run = made_run("r", replace(still, angle_deg=angle if rate_dps else slow), np.random.default_rng(1))
-    names = {variant.effect.name for variant in _forms([run])}
+    names = {own.variant.effect.name for own in candidates_for([run])}
     assert ("learned: bias over table angle" in names) is asked
     assert ("learned: bias over rate" in names) is (rate_dps > 0.0)
 
