@@ -67,7 +67,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         ),
         _part(
             "drivers/frames/_line*",
-            "tests/drivers/frames/test_frames_rules test_printed_lines test_frames_lines",
+            "tests/drivers/frames/test_frames_rules test_frames_by_hand test_printed_lines test_frames_lines",
             "tests/drivers/frames/test_frames_shipped test_line_reader test_fuzz",
         ),
         _part(
