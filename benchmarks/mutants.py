@@ -95,8 +95,6 @@ class Trials:
         clean = self.clean(mutant.part)
         limits_s = {test: _FACTOR * clean.seconds[test] for test in order}
         if not clean.at_import(mutant):
-            if mutant.part not in self._warm:
-                self._warm[mutant.part] = Warm(self._copy, mutant.part.tests, self._progress)
             with suppress(Cold):
                 found = self._warm[mutant.part].run(mutant.file, limits_s, _LEAST_S)
                 return self._named(found, order)
@@ -115,7 +113,10 @@ class Trials:
         return not test or (file.is_file() and "pytest.mark.concurrent" in file.read_text(encoding="utf-8"))
 
     def clean(self, part: Part) -> Clean:
-        """Return what a part's tests do without any mutant; RuntimeError if they fail."""
+        """Return what a part's tests do without any mutant; RuntimeError if they fail.
+
+        Starts the process that has collected them, too: before a mutant is in the copy.
+        """
         if part not in self._clean:
             paths = [path for glob in part.sources for path in sorted(self._copy.root.glob(glob))]
             files = [str(path.relative_to(self._copy.root)) for path in paths]
@@ -133,6 +134,8 @@ class Trials:
                         ran[file][int(line)] = [*ran[file].get(int(line), []), *tests]
             self._clean[part] = Clean(seconds, ran, imported)
             print(f"{' '.join(part.sources)}: the tests take {sum(seconds.values()):.1f} s", flush=True)
+        if part not in self._warm:
+            self._warm[part] = Warm(self._copy, part.tests, self._progress)
         return self._clean[part]
 
     def _watch(self, sources: Sequence[Path], kept: Mapping[str, Path]) -> None:
