@@ -17,7 +17,7 @@ def run_figures(folder: Path) -> list[dict[str, Any]]:
 
     A row is {"unit", "figure", "of", "value", "low", "high", "least", "most"}: serial number, name, unit of the
     value, the ends of its 95 % interval (None where the procedure gives none), and the limits it was judged by.
-    A measurement whose name begins with a gyro's is that gyro's; the others are of every unit of the run.
+    A measurement of a gyro, or one whose name begins with a gyro's, is that gyro's; others are of every unit.
     """
     run = Run.open(folder)
     if run.manifest.outcome != "completed" or run.seal == "broken":
@@ -35,7 +35,8 @@ def _measured(manifest: Manifest) -> list[dict[str, Any]]:
         name, value = row["name"], row.get("value")
         if value is None or not math.isfinite(value):
             continue
-        own = [gyro for gyro in manifest.units if name.startswith(f"{gyro}_")]
+        asked = row.get("gyro")
+        own = [gyro for gyro in manifest.units if (gyro == asked if asked else name.startswith(f"{gyro}_"))]
         for gyro in own or manifest.units:
             words = name.removeprefix(f"{gyro}_") if own else name
             rows.append(
