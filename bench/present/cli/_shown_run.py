@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from bench.present.cli._texts import duration
 from bench.present.sentences import safe_sentence
 from bench.record.benchfile import BenchFile
 from bench.record.recording import read_manifest
+from drivers.base.errors import RecordError
 
 EXIT_CODES = {"completed": 0, "invalid": 4, "aborted": 3}
 
@@ -91,10 +93,18 @@ def say_result(console: Terminal, result: RunResult, *, kind: str = "run", **fie
     if result.reason:
         console.say(result.reason, style=style)
     if kind == "result":
-        say_measurements(console, read_manifest(result.folder).measurements)
+        say_measurements(console, _measurements(result.folder))
     if result.outcome == "aborted":
         _say_aftermath(console, result, alone=kind == "result")
     console.say_all((f"warning: {warning}" for warning in result.warnings), style="yellow")
+
+
+def _measurements(folder: Path) -> Sequence[Mapping[str, Any]]:
+    """Return what a run measured; nothing of one that ended before it had a record."""
+    try:
+        return read_manifest(folder).measurements
+    except RecordError:
+        return ()
 
 
 def _say_aftermath(console: Terminal, result: RunResult, *, alone: bool) -> None:

@@ -19,7 +19,7 @@ parameters = { rate_dps = 12, turns = 1, rest_s = 10 }
 [[run]]
 name = "long"
 procedure = "constant-rotation"
-parameters = { rate_dps = 12, turns = 40, rest_s = 10 }
+parameters = { rate_dps = 12, turns = 200, rest_s = 10 }
 """
 
 
