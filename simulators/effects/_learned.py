@@ -309,6 +309,7 @@ FORMS = {
             PPM,
         ),
         LearnedForm("heat of turning", "square of rate before", Input.TABLE_RATE | Input.HISTORY, _heat),
+        # no longer offered by a diagnosis; model files of before name it
         LearnedForm("answer to changes of rate", "change of rate", _TURNING, _rate_changes),
         LearnedForm(
             "response to changes of rate",
