@@ -237,8 +237,8 @@ def watch(pid: int, sessions: Sequence[Path], page: object, watched_s: float) ->
             write_now(session, time_s)
     start, cpu_s, memory = clock.now(), _cpu_s(pid), _resident_mb(pid)
     messages = page.evaluate(count)  # type: ignore[attr-defined]
-    while clock.now() - start < watched_s:
-        clock.sleep(0.1)
+    for tick in range(1, round(10.0 * watched_s) + 1):
+        clock.sleep(max(0.0, start + 0.1 * tick - clock.now()))
         time_s += 0.1
         for session in sessions:
             write_now(session, time_s)

@@ -46,8 +46,10 @@ def _is_open(folder: Path) -> bool:
         return True
 
 
-def recover(folder: Path) -> Manifest:
+def recover(folder: Path, by: str = "") -> Manifest:
     """Decode and seal a run that was never closed, as aborted; return its manifest. A closed run stays as it is.
+
+    `by`: who asked for it, for the record.
 
     BenchInUse while somebody has had its bench since before the run began, for then it may still go on;
     RecordError if the folder cannot be read or written.
@@ -66,7 +68,7 @@ def recover(folder: Path) -> Manifest:
             remedy="recover the run when its bench is free",
         )
     try:
-        return _complete(folder, manifest)
+        return _complete(folder, manifest, by)
     except OSError as error:  # a disk without room or inodes, a folder that is read-only
         raise RecordError(
             "the run cannot be completed",
@@ -77,7 +79,7 @@ def recover(folder: Path) -> Manifest:
         ) from error
 
 
-def _complete(folder: Path, manifest: Manifest) -> Manifest:
+def _complete(folder: Path, manifest: Manifest, by: str) -> Manifest:
     torn = _cut_events(folder)
     for index in sorted((folder / "raw").glob("*.idx")):
         _cut(index, index.stat().st_size // _PAIR_BYTES * _PAIR_BYTES)
@@ -85,7 +87,7 @@ def _complete(folder: Path, manifest: Manifest) -> Manifest:
     events = read_events(folder)
     duration_s = _last_s(folder, [line.time_s for line in events.lines])
     reason = f"Recovered: the controller ended without closing the run. {_watchdog(folder)}".strip()
-    added: list[Event] = [Note(f"recovered {utc_now()}"), *holes]
+    added: list[Event] = [Note(f"recovered {utc_now()}{f' by {by}' if by else ''}"), *holes]
     if torn:
         added.append(Note(f"an event was cut off: {torn}"))
     added.append(Outcome("aborted", reason, sealed=True))

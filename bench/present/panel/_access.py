@@ -52,7 +52,7 @@ def needed(method: str, path: str) -> Role:
         return "look"
     if path.startswith("/panel/queue/"):
         return "look" if path.endswith("/plan") else "run"
-    return "answer"
+    return "run" if path.startswith("/panel/recover/") else "answer"
 
 
 class Access:

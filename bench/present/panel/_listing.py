@@ -18,20 +18,26 @@ _OUTCOMES = {"completed": "✓ completed", "invalid": "! invalid", "aborted": "�
 
 
 def listed(entry: Entry, folder: RunsFolder, benches: Benches) -> dict[str, Any]:
-    """Return a run as a row for the page; `kind` is the colour of its outcome, `papers` (what, address)."""
+    """Return a run as a row for the page; `kind` is the colour of its outcome, `papers` (what, address).
+
+    `left_open`: its process ended without closing it, and the record can be completed.
+    """
     manifest = entry.manifest
     row: dict[str, Any] = dict.fromkeys(
         ("procedure", "units", "bench", "started", "length", "why", "outside", "noted"), ""
     )
     row |= {"run": entry.name, "outcome": "✕ cannot be read", "kind": "aborted", "serials": [], "papers": []}
+    row["left_open"] = False
     if manifest is None:
         return row | {"why": entry.problem}
     run = folder.root / entry.name
     outcome, kind, why = _OUTCOMES.get(manifest.outcome, ""), manifest.outcome, manifest.reason
+    left_open = False
     if not manifest.complete:
-        outcome, kind, why = "✕ not closed", "aborted", "its process has ended: `gyrobench runs recover`"
+        why = "its process has ended: complete the record on the page of its curves"
+        outcome, kind, left_open = "✕ not closed", "aborted", True
         if benches.goes_on(run):
-            outcome, kind, why = "● running", "running", ""
+            outcome, kind, why, left_open = "● running", "running", "", False
     if aside := folder.set_aside(run):
         outcome, kind, why = "✕ set aside", "aborted", aside
     papers = [("curves", f"/curves?run={quote(entry.name, safe='')}")]
@@ -50,6 +56,7 @@ def listed(entry: Entry, folder: RunsFolder, benches: Benches) -> dict[str, Any]
         "outcome": outcome,
         "kind": kind,
         "why": why,
+        "left_open": left_open,
         "papers": papers,
         "outside": "; ".join(outside(entry, folder).values()),
         "noted": _noted(folder.notes(run)),

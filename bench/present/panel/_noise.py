@@ -33,15 +33,28 @@ class Noise:
         self.curves: list[dict[str, Any]] = []
         self._run = run
         self._next_at = -math.inf
+        self._rows: list[dict[str, Any]] = []
 
     def update(self, time_s: float) -> None:
-        """Work it out anew if that is due; `time_s`: bench time now."""
+        """Work it out anew if that is due and rows have come; `time_s`: bench time now."""
         if host_seconds() < self._next_at:
             return
         self._next_at = host_seconds() + _EVERY_S
-        rows = history_between(self._run, time_s - _HOUR_S, time_s)[-_MOST:]
-        names = sorted({name for row in rows for name in table_of(row.get("gyros"))})
-        self.curves = [curve for name in names if (curve := noise_curve(name, rows)) is not None]
+        start_s = time_s - _HOUR_S
+        newest_s = float(self._rows[-1]["time_s"]) if self._rows else -math.inf
+        if newest_s > time_s:  # another run in the same folder
+            self._rows, newest_s = [], -math.inf
+        come = [
+            {name: row.get(name) for name in ("time_s", "rate_dps", "gyros")}
+            for row in history_between(self._run, max(start_s, newest_s), time_s)
+            if row["time_s"] > newest_s
+        ]
+        if not come:
+            return
+        self._rows = [row for row in self._rows if row["time_s"] >= start_s] + come
+        del self._rows[:-_MOST]
+        names = sorted({name for row in self._rows for name in table_of(row.get("gyros"))})
+        self.curves = [curve for name in names if (curve := noise_curve(name, self._rows)) is not None]
 
 
 def noise_curve(gyro: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:

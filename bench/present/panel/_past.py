@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import nicegui
-from fastapi import Query, Request
+from fastapi import Body, Query, Request
 from fastapi.responses import JSONResponse, PlainTextResponse, Response
 
 from bench.present.panel._access import visit_of
@@ -63,6 +63,7 @@ class Past:
         app.get("/panel/curves")(self.curves)
         app.get("/panel/expected")(self.expected)
         app.post("/panel/notes/{name:path}")(self.note)
+        app.post("/panel/recover/{name:path}")(self.recover)
         app.get("/panel/picture/{picture}")(self.picture)
         app.get("/trends")(self.trends_page)
         app.get("/panel/trends")(self.trends)
@@ -138,6 +139,19 @@ class Past:
         except BenchError as error:
             return PlainTextResponse(str(error), status_code=400)
         return JSONResponse(self._notes(name, folder))
+
+    async def recover(self, request: Request, name: str, by: Annotated[str, Body(embed=True)]) -> Response:
+        """Complete the record of a run that a crash left open; the answer is how it stands now."""
+        folder = self._run(name)
+        if folder is None:
+            return PlainTextResponse("There is no such run.", status_code=404)
+        by = visit_of(request).signature(by).name
+        if not by:
+            return PlainTextResponse("Type your name first: it goes into the record.", status_code=400)
+        answer = await self._workshop.ask("recover", run=str(folder), by=by)
+        if problem := answer.get("problem"):
+            return PlainTextResponse(str(problem), status_code=409)
+        return JSONResponse(answer)
 
     def picture(self, picture: str, name: str) -> Response:
         """Return a picture attached to a run."""

@@ -37,6 +37,8 @@ from drivers.base.errors import BenchError
 _TICK_S = 0.1
 _REPORT_TIMEOUT_S = 300.0
 _WORK_S = 1.0
+_UNWATCHED_TICKS = 10
+"""Ticks from one reading of what the panel chooses to the next while nobody looks at it."""
 _SIGNED_OUT = 4401
 _WAITING = 8
 """Ticks a slow browser may be behind before it is given everything anew."""
@@ -125,6 +127,7 @@ class Hubs:
         self.benches = self._benches = Benches(folder)
         self._frame = Frame(folder, self._benches)
         self._hubs = {_CHOSEN: Hub(Watch(folder, self._benches))}
+        self._ticks = 0
 
     def page(self, request: Request, session: str = "", bench: str = "") -> None:
         """Build the page of one browser."""
@@ -152,9 +155,11 @@ class Hubs:
             return PlainTextResponse(str(error), status_code=400)
 
     def tick(self) -> None:
-        """Send news to all pages; what nobody looks at is not read."""
+        """Send news to all pages. What nobody looks at is not read; what the panel chooses, once a second."""
+        self._ticks += 1
+        seldom = self._ticks % _UNWATCHED_TICKS == 0
         for what, hub in list(self._hubs.items()):
-            if hub.watched or what == _CHOSEN:
+            if hub.watched or (what == _CHOSEN and seldom):
                 hub.tick()
 
     def _of(self, session: str, bench: str) -> Hub:

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from bench.control.recover import recover
 from bench.present.panel._run_curves import run_curves
 from bench.present.panel._run_expected import run_expected
 from bench.present.panel._run_figures import run_figures
@@ -33,10 +34,16 @@ def _expected(asked: dict[str, Any]) -> dict[str, Any]:
     return run_expected(Path(asked["run"]))
 
 
+def _recover(asked: dict[str, Any]) -> dict[str, Any]:
+    manifest = recover(Path(asked["run"]), str(asked["by"]))
+    return {"outcome": manifest.outcome, "reason": manifest.reason}
+
+
 JOBS: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
     "curves": _curves,
     "figures": _figures,
     "expected": _expected,
+    "recover": _recover,
 }
 
 

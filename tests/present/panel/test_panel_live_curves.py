@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.common.allan import allan_deviation
-from bench.present.panel._noise import noise_curve
+from bench.present.panel._noise import Noise, noise_curve
 from bench.present.panel._tails import PhaseTail, history_between
 from tests.present.panel.browser import NEEDED, Panel, browser_page, write_now
 
@@ -55,6 +55,37 @@ class TestNoise:
         assert noise_curve("g", every) is None and noise_curve("other", every) is None
         for wrong in ({}, {"gyros": 5}, {"gyros": {"g": 1}}, {"gyros": {"g": [1, 2, "x"]}}):
             assert noise_curve("g", [{"time_s": 1.0, **wrong}] * 50) is None
+
+
+class Later:
+    """A clock that a test sets on."""
+
+    now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def test_noise_of_a_growing_run_is_that_of_its_last_hour(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only what has come is read, and what comes out is what the whole hour gives; another run begins anew."""
+    clock = Later()
+    monkeypatch.setattr("bench.present.panel._noise.host_seconds", clock)
+    every = rows(5400)
+    noise = Noise(tmp_path)
+    for last in (40, 900, 901, 3000, 5399):
+        write_history(tmp_path, every[: last + 1])
+        clock.now_s += 10.0
+        noise.update(float(last))
+        assert noise.curves == [noise_curve("g", every[max(0, last - 3600) : last + 1])]
+    clock.now_s += 9.0
+    write_history(tmp_path, every[:100])
+    noise.update(99.0)
+    assert noise.curves[0]["record_s"] == 3600.0  # not due
+    clock.now_s += 1.0
+    noise.update(99.0)
+    assert noise.curves == [noise_curve("g", every[:100])]
 
 
 def write_history(run: Path, lines: list[dict]) -> None:

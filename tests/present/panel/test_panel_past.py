@@ -11,6 +11,7 @@ from urllib.request import Request, urlopen
 import numpy as np
 import pytest
 
+from bench.control.run_record import decode_run
 from bench.present.panel._figure_store import FigureStore
 from bench.present.panel._run_curves import POINTS, run_curves
 from bench.present.panel._trend import MONTH_S, Interval, difference, mean_difference, slope, trends
@@ -23,10 +24,12 @@ from bench.record.recording import (
     read_manifest,
     seal,
     table_writer,
+    verify,
     write_manifest,
 )
 from bench.record.run_notes import read_notes
 from tests.present.panel.browser import NEEDED, PATIENCE_S, Panel, browser_page, serious
+from tests.record.recording.test_recover import left_open
 from tests.record.recording.test_run_notes import PNG
 
 SPIKE_S, SPIKE_C = 4321.0, 61.5
@@ -295,6 +298,32 @@ class TestInABrowser:
         assert post(f"{panel.url}panel/notes/../secret", {"by": "A", "text": "x"})[0] in (404, 405)
         assert post(f"{panel.url}panel/notes/run-2", {"by": "A", "text": "x"}, origin="http://evil")[0] == 403
         assert len(read_notes(run)) == before + 1
+
+    def test_a_run_that_a_crash_left_open_is_completed_by_a_button(
+        self, panel: Panel, width: int, tmp_path: Path
+    ) -> None:
+        from playwright.sync_api import expect
+
+        _, run = left_open(tmp_path / "lab.toml", panel.runs, f"left-{width}")
+        with browser_page(width) as page:
+            page.goto(f"{panel.url}history")
+            row = page.locator(".run-row", has=page.get_by_label(run.name, exact=True))
+            expect(row).to_contain_text("not closed")
+            row.get_by_role("link", name="curves").click()
+            complete = page.get_by_role("button", name="Complete the record")
+            complete.click()
+            expect(page.locator("[data-not-recovered]")).to_contain_text("Type your name")
+            assert read_manifest(run).outcome == "running"
+            assert page.evaluate("document.documentElement.scrollWidth") <= width and serious(page) == []
+            page.get_by_test_id("name").fill("Ada")
+            complete.click()
+            expect(page.locator(".laid .outcome")).to_contain_text("aborted", timeout=1e3 * PATIENCE_S)
+            expect(page.locator(".laid .why")).to_contain_text("Recovered")
+            expect(complete).to_have_count(0)
+        assert not verify(run, decode_run).problems
+        assert [row["text"] for row in Run.open(run).events if str(row.get("text")).endswith("by Ada")]
+        assert post(f"{panel.url}panel/recover/none", {"by": "Ada"})[0] == 404
+        assert post(f"{panel.url}panel/recover/{run.name}", {"by": " "})[0] == 400
 
     def test_figures_over_time_and_two_units_beside_each_other(self, panel: Panel, width: int) -> None:
         from playwright.sync_api import expect

@@ -2,13 +2,14 @@
 
 import json
 import os
+from pathlib import Path
 
 import pytest
 
 from bench.control.lease import take_lease
 from bench.control.recover import recover
 from bench.control.run_record import RunRecord, decode_run
-from bench.record.benchfile import load_bench_file
+from bench.record.benchfile import BenchFile, load_bench_file
 from bench.record.events.run import Invalid, Measured, PhaseBegun
 from bench.record.events.safe import Takeover, TakeoverEnded
 from bench.record.recording import Run, read_manifest, verify
@@ -33,12 +34,11 @@ port = "/dev/ttyG0"
 """
 
 
-@pytest.fixture
-def crashed(tmp_path):
-    """A run that was never closed, its last event and last mark cut in the middle."""
-    (tmp_path / "lab.toml").write_text(BENCH)
-    file = load_bench_file(tmp_path / "lab.toml")
-    record = RunRecord.create(tmp_path / "runs", "r", "test", {}, file, None)
+def left_open(bench: Path, runs: Path, run_id: str = "r") -> tuple[BenchFile, Path]:
+    """Return bench and folder of a run that was never closed, its last event and last mark cut in the middle."""
+    bench.write_text(BENCH)
+    file = load_bench_file(bench)
+    record = RunRecord.create(runs, run_id, "test", {}, file, None)
     port = record.tap("fog_1")
     record.tap("table")
     record.tap("chamber")
@@ -53,6 +53,11 @@ def crashed(tmp_path):
     with (record.folder / "raw" / "fog_1.idx").open("ab") as index:
         index.write(b"\x01\x02\x03")
     return file, record.folder
+
+
+@pytest.fixture
+def crashed(tmp_path):
+    return left_open(tmp_path / "lab.toml", tmp_path / "runs")
 
 
 def test_what_a_crash_left_is_completed_as_aborted_and_verifies(crashed):

@@ -331,6 +331,7 @@
     for (const node of document.querySelectorAll("[data-move]")) place(`[data-place="${node.dataset.move}"]`).append(node);
     place("#first-paint")?.remove();
     showValues(state.values); // what has come before there was a place for it
+    window.gyrobenchNoise.show(window.gyrobenchNoise.curves());
     makeCurves();
     redraw();
   }
