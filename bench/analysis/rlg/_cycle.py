@@ -221,7 +221,10 @@ def _sound_rows(temp_c: Array, rates: dict[str, Array]) -> tuple[NDArray[np.bool
     for values in rates.values():
         padded = np.pad(np.where(use, values, np.nanmedian(values)), 4, mode="reflect")
         distance = np.abs(values - np.median(np.lib.stride_tricks.sliding_window_view(padded, 9), axis=1))
-        far |= use & (distance > _OUTLIER * 1.4826 * np.nanmedian(distance[use]))
+        # most distances are zero where the output is coarse or stands still for a while: those say no size
+        moving = distance[use & (distance > 0.0)]
+        if moving.size:
+            far |= use & (distance > _OUTLIER * 1.4826 * np.median(moving))
     if far.any():
         at = np.flatnonzero(far)
         remarks.append(f"{len(at)} outlying rows left out, the first at row {at[0]}")

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from bench.analysis.common.allan import _BLOCK, AllanDeviation, allan_deviation
 from bench.analysis.common.allan_confidence import confidence_interval, degrees_of_freedom, noise_exponents
-from bench.analysis.common.allan_noise import NOISE_NAMES, _basis, _spectra, fit_noise
+from bench.analysis.common.allan_noise import NOISE_NAMES, _basis, _Scatter, _spectra, fit_noise
 from drivers.base.errors import ConfigurationError, RecordError
 
 NBS_9 = [892.0, 809.0, 823.0, 798.0, 671.0, 644.0, 883.0, 903.0, 677.0]
@@ -241,3 +241,28 @@ def test_variances_and_spectra_of_unit_coefficients_are_those_of_ieee_std_952() 
     slow = 2.0 * sine / dt_h  # 2 pi f where f dt is small
     columns = [4.0 * sine**2 / dt_h, np.ones(2), 1.0 / slow, 1.0 / slow**2, np.zeros(2)]
     assert _spectra(sine, dt_h) == pytest.approx(np.column_stack(columns))
+
+
+@pytest.mark.parametrize("ramp", [0.0, 0.9, 3.0])
+def test_variances_of_one_record_scatter_as_the_covariance_says(ramp: float) -> None:
+    """4,000 records of ten minutes, white noise on a ramp, their Allan variances by the definition's sums."""
+    rng, n, lengths, walk = np.random.default_rng(1), 600, (1, 4, 16, 60), 0.01
+    drift = ramp * np.arange(n) / 3600.0
+
+    def variances(rate: np.ndarray) -> list[float]:
+        angle = np.concatenate(([0.0], np.cumsum(rate)))
+        steps = ((angle[2 * k :] - 2.0 * angle[k:-k] + angle[: -2 * k]) / k for k in lengths)
+        return [float(np.mean(step**2)) / 2.0 for step in steps]
+
+    seen = np.array([variances(60.0 * walk * rng.standard_normal(n) + drift) for _ in range(4000)])
+    scatter = _Scatter(np.array(lengths) / 3600.0, n / 3600.0, 1.0 / 3600.0)
+    squares = np.array([0.0, walk**2, 0.0, 0.0, ramp**2])
+    covariance = scatter.covariance(squares)
+    assert np.diag(covariance) == pytest.approx(seen.var(axis=0), rel=0.2)
+    assert covariance[2, 3] == pytest.approx(np.cov(seen.T)[2, 3], rel=0.2)
+    squares = np.array([1e-12, walk**2, 0.01, 0.02, ramp**2])
+    for weights in (np.array([1.0, -0.5, 0.3, 0.1]), np.array([0.0, 0.0, -1.0, 2.0])):
+        whole = weights @ scatter.covariance(squares) @ weights
+        for index in range(5):
+            a, b, q = scatter.variance_of(weights, squares, index)
+            assert a + b * squares[index] + q * squares[index] ** 2 == pytest.approx(whole, rel=1e-3)

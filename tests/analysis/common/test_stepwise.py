@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 import statsmodels.api as sm
@@ -262,3 +264,47 @@ def test_input_that_does_not_fit_together_is_refused(names: list[str], start: li
     with pytest.raises(ConfigurationError, match="input cannot be used") as refused:
         stepwise(x, x[:, 0], names=names, start=start)
     assert f"{len(names)} names" in refused.value.found
+
+
+def test_a_term_across_everything_has_a_probability_of_one() -> None:
+    """Orthogonal to the output and the mean: its F is zero."""
+    x = np.array([[1.0], [-1.0], [-1.0], [1.0]])
+    result = stepwise(x, np.array([1.0, 1.0, -1.0, -1.0]))
+    assert result.final.p_value.tolist() == [1.0] and result.selected == ()
+
+
+def test_one_degree_of_freedom_still_has_a_probability() -> None:
+    """Four rows are three after prewhitening. Student's t with one degree is Cauchy's: p = 1 - 2/pi atan |t|."""
+    x, y = np.array([[0.0], [1.0], [3.0], [4.0]]), np.array([0.03, 1.08, 3.03, 3.87])
+    result = stepwise(x, y, prewhiten=True, start=["x1"], p_remove=1.0)
+    final = result.final
+    assert result.n == 3
+    t = final.coefficient[0] / final.standard_error[0]
+    assert final.p_value[0] == pytest.approx(1.0 - 2.0 / np.pi * np.arctan(abs(t)), rel=1e-9)
+
+
+def test_the_labels_of_runs_may_fall() -> None:
+    rng = np.random.default_rng(8)
+    x, y = rng.normal(size=(40, 1)), rng.normal(size=40)
+    rising, falling = (stepwise(x, y, segments=np.repeat(labels, 20)) for labels in ((0, 1), (1, 0)))
+    assert rising.durbin_watson == falling.durbin_watson
+    assert rising.durbin_watson != stepwise(x, y).durbin_watson
+
+
+def test_terms_that_nearly_coincide_have_seven_digits() -> None:
+    """Two terms that differ by 5e-9 of their size, solved exactly in fractions."""
+    rng = np.random.default_rng(9)
+    first = rng.normal(size=30)
+    x = np.column_stack([first, first + 5e-9 * rng.normal(size=30)])
+    y = first + 3e7 * (x[:, 1] - x[:, 0]) + 0.01 * rng.normal(size=30)
+    rows = [[Fraction(value) for value in column] for column in (*x.T, y)]
+    a, b, c = ([value - sum(row) / 30 for value in row] for row in rows)
+    aa, ab, bb, ac, bc = (
+        sum(p * q for p, q in zip(*pair, strict=True)) for pair in ((a, a), (a, b), (b, b), (a, c), (b, c))
+    )
+    exact = [
+        float((ac * bb - bc * ab) / (aa * bb - ab * ab)),
+        float((bc * aa - ac * ab) / (aa * bb - ab * ab)),
+    ]
+    found = stepwise(x, y, start=["x1", "x2"], p_remove=1.0).final.coefficient
+    assert found.tolist() == pytest.approx(exact, rel=1e-7)

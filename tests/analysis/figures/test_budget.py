@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -87,3 +89,60 @@ def test_a_fixture_too_crude_for_a_misalignment_leaves_it_unseen() -> None:
     name = MISALIGNMENT
     assert figures(unit, BenchErrors(BENCH))[name].seen
     assert not figures(unit, BenchErrors())[name].seen
+
+
+def test_what_a_bench_without_certificates_is_taken_to_have() -> None:
+    """The half widths that docs/uncertainty.md states, each as a standard uncertainty of a flat distribution."""
+    page = Path(__file__).parents[3] / "docs" / "uncertainty.md"
+    rows = re.findall(r"^\| `(\w+)` \| ([0-9.]+)[^|]*\|", page.read_text(encoding="utf-8"), re.MULTILINE)
+    stated = {name: float(half) for name, half in rows}
+    found = {name: BenchErrors().of(name, 1.0).standard for name in ASSUMED}
+    assert found == pytest.approx({name: half / math.sqrt(3.0) for name, half in stated.items()})
+
+
+def test_noise_counts_with_the_freedom_of_what_showed_it() -> None:
+    """JCGM 100, G.3: a relative error of 10 % of a standard uncertainty is 50 degrees of freedom."""
+    walk = Figure("angle random walk", 0.01, "deg/sqrt(h)", "", 0.01 - 1.96e-3, 0.01 + 1.96e-3)
+    steady = Figure("scale factor", 1.0, "", "", 0.9, 1.1)
+    repeated = Figure("scale factor", 1.0, "", "", 0.9, 1.1, freedom=9.0)
+    unit = Unit(GRADES[1], FAULTS, 4)
+
+    def freedom(*shown: Figure) -> float:
+        budget = with_budgets(shown, unit, BenchErrors(BENCH))[-1].budget
+        assert budget is not None
+        return budget.contributions[0].freedom
+
+    assert freedom(walk, steady) == pytest.approx(50.0, rel=1e-4)
+    assert freedom(walk, repeated) == 9.0
+    assert math.isinf(freedom(steady))
+    exact = Figure("angle random walk", 0.01, "deg/sqrt(h)", "", 0.01, 0.01)
+    assert math.isinf(freedom(exact, steady))
+
+
+@pytest.mark.parametrize(
+    ("name", "power"),
+    [("angle random walk", 0.5), ("quantisation", 1.0), ("rate random walk", -0.5), ("rate ramp", -1.0)],
+)
+def test_a_clock_that_is_fast_scales_a_coefficient_by_its_power_of_time(name: str, power: float) -> None:
+    """Of a clock 1,000 ppm fast; the Allan deviation is the same, the averaging time is not (IEEE Std 952)."""
+    told = BenchErrors([certificate("time_base_ppm", 1e-9, "normal", 1000.0)])
+    (found,) = with_budgets([Figure(name, 2.0, "", "", 1.99, 2.01)], Unit(GRADES[1], FAULTS, 4), told)
+    assert found.value == pytest.approx(2.0 * 1.001**-power, rel=1e-5)
+
+
+class Warm(Unit):
+    def intervals(self, test: str) -> list[Interval]:
+        return [Interval(test, 0.0, 1.0)] * 3 if test == "temperature" else super().intervals(test)
+
+    def temp_c(self, interval: Interval) -> float:
+        self.asked = getattr(self, "asked", -1) + 1
+        return (20.0, 21.5, 60.0)[self.asked % 3]
+
+
+def test_a_sensitivity_rests_on_the_nearest_temperature_that_counts() -> None:
+    """Points at 21.5 and 60 degC about 20: the sensor's error counts over 1.5 K, of two readings; U has k = 2."""
+    figure = Figure("bias temperature sensitivity", 0.3, "deg/h/degC", "", 0.29, 0.31)
+    told = BenchErrors([certificate("unit_temp_c", 0.1, "normal")])
+    (found,) = with_budgets([figure], Warm(GRADES[1], FAULTS, 4), told)
+    assert found.budget is not None
+    assert found.budget.contributions[1].uncertainty == pytest.approx(0.3 / 1.5 * 0.05 * math.sqrt(2.0))

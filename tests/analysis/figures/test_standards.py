@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -19,6 +21,7 @@ from bench.analysis.figures._parts import Figure
 from bench.analysis.figures._scale_factor import (
     RateSequence,
     ScaleFactorFigures,
+    _freedom,
     fit_rate_sequence,
     scale_factor_figures,
 )
@@ -56,6 +59,7 @@ def test_temperature_sensitivity_by_hand() -> None:
     assert of_bias.value == pytest.approx(3e-4)
     of_scale = temperature_sensitivity([1.0, 1.00013], [25.0, -40.0], none[:, :2], relative=True)
     assert of_scale.value == pytest.approx(2e-6, rel=1e-4)
+    assert temperature_sensitivity([1.0, 1.5], [25.0, 26.0], none[:, :2]).value == pytest.approx(0.5)
     with pytest.raises(ConfigurationError, match="no two temperatures"):
         temperature_sensitivity([1.0, 2.0], [25.0, 25.5], none[:, :2])
 
@@ -149,8 +153,8 @@ def test_threshold_is_the_smallest_input_below_which_nothing_passes() -> None:
     assert threshold(steps).value == 0.01
     assert threshold([*steps, RateStep(0.05, 0.0)]).value == 0.1
     assert threshold([RateStep(-0.2, -0.19), RateStep(0.05, 0.01)]).value == 0.2
-    with pytest.raises(ConfigurationError, match="no input is shown"):
-        threshold([RateStep(0.1, 0.0)])
+    with pytest.raises(ConfigurationError, match=r"no input is shown.*0\.1 deg/h gave 40 \+- 98 %"):
+        threshold([RateStep(0.1, 0.04, 0.05)])
 
 
 def test_asymmetry_of_rates_below_one_degree_a_second() -> None:
@@ -193,3 +197,10 @@ def test_the_standard_error_of_a_figure_is_half_of_its_interval_over_1_96() -> N
     assert [Figure("bias", 1.0, "deg/h", "", *ends).standard_error for ends in ((), (0.5,), (None, 2.0))] == [
         0.0
     ] * 3
+
+
+def test_repeats_of_one_sequence_have_degrees_of_freedom_and_others_none() -> None:
+    """Each of m equal sequences of n rates, less a line: (m - 1) (n - 2). Other rates repeat nothing."""
+    one, other = (RateSequence(rates, rates, rates, rates, rates) for rates in (RATES, RATES + 1.0))
+    assert _freedom([one, one]) == 11.0 and _freedom([one, one, one]) == 22.0
+    assert math.isinf(_freedom([one, other])) and math.isinf(_freedom([one]))

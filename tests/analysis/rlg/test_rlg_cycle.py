@@ -169,3 +169,18 @@ def test_a_leg_of_less_than_ten_means_is_no_leg(up: int, down: int) -> None:
     rate = np.random.default_rng(0).normal(size=len(temp))
     with pytest.raises(RecordError, match="the recording is no cycle"):
         study_chamber_cycle(temp, {"x": rate}, 1)
+
+
+def test_an_axis_that_moves_on_the_held_out_leg_only_is_refused() -> None:
+    temp, rates = made()
+    rates["x"] = np.where(np.arange(6000) > 3100, rates["y"], rates["y"][3100])
+    study = study_chamber_cycle(temp, rates, block=50)
+    assert [axis.axis for axis in study.axes] == ["y", "z"] and len(study.temp_c) == 120
+    assert "does not change" in dict(study.failed)["x"]
+    coarse = study_chamber_cycle(temp, {"y": np.round(rates["y"], 3)}, block=50)  # ten times the noise
+    assert len(coarse.temp_c) == 120 and coarse.axes[0].static_pct > 80.0
+
+
+def test_a_recording_without_a_turn_says_that_it_has_none() -> None:
+    with pytest.raises(RecordError, match="the last turn of temperature at 0"):
+        study_chamber_cycle(np.linspace(0, 50, 3000), {"x": np.arange(3000) % 7 * 1e-6})
