@@ -25,6 +25,8 @@ _TRIES = 48
 _CLEAR = 6.0
 _LEAST_LIMIT_DPS = 2.0
 _HIGHEST_BAND_DPH = 360.0
+_LEAST_EDGE = 0.3
+"""Part of a band that blocks show from which its edge is looked for in single samples."""
 
 
 def _saturation(s: Stimulus, shape: Shape) -> Array:
@@ -76,9 +78,9 @@ def _bands(rates: SlowRates) -> list[Shape]:
     """Return bands about the lowest rates that occur, hard and soft, and about one that shows plainly."""
     speed = np.abs(rates.rate)
     levels = _levels(speed[speed < _HIGHEST_BAND_DPH])
-    plain: list[Shape] = [
-        {**shape, "softness": 0.0} for shape in _grid("band_dph", _band_dph(rates, _between, _without_band))
-    ]
+    band_dph = _band_dph(rates, _between, _without_band)
+    edge_dph = None if band_dph is None else _edge_dph(rates, band_dph)
+    plain: list[Shape] = [{**shape, "softness": 0.0} for shape in _grid("band_dph", edge_dph)]
     if len(levels) < 2:
         return plain
     sizes = np.geomspace(0.5 * levels[0], min(2.0 * levels[-1], _HIGHEST_BAND_DPH), 8).tolist()
@@ -124,6 +126,30 @@ def _band_dph(
     every = np.ones(len(few.rate), dtype=bool)
     rests = [few.apart(few.output - answer(few.rate, band), every) for band in tried.tolist()]
     return float(tried[int(np.argmin([float(rest @ rest) for rest in rests]))])
+
+
+def _edge_dph(rates: SlowRates, band_dph: float) -> float:
+    """Return where a band about as wide as `band_dph` ends, deg/h, by every sample of the records.
+
+    A band takes the rate itself off each sample within: of all bands, from sums over the samples in the order of
+    their speed, that which leaves the least energy.
+    """
+    speeds, gains = [], []
+    for s, rest in rates.records:
+        speed = np.abs(s.input_rate_dph)
+        offset = np.nanmean(rest + np.where(speed < band_dph, s.input_rate_dph, 0.0))
+        near = (speed < 20.0 * band_dph) & ~np.isnan(rest)
+        speeds.append(speed[near])
+        gains.append((s.input_rate_dph * (s.input_rate_dph + 2.0 * (rest - offset)))[near])
+    speed, gain = np.concatenate(speeds), np.concatenate(gains)
+    order = np.argsort(speed)
+    ordered, left = speed[order], np.cumsum(gain[order])
+    # a band ends between two speeds: samples of one speed are all within or all beyond
+    ends = np.flatnonzero((np.diff(ordered) > 1e-9 * ordered[-1]) & (ordered[1:] > _LEAST_EDGE * band_dph))
+    if not len(ends) or left[ends].min() >= 0.0:
+        return band_dph
+    last = int(ends[np.argmin(left[ends])])
+    return float(0.5 * (ordered[last] + min(ordered[last + 1], 1.5 * ordered[last])))
 
 
 def _levels(speed: Array) -> Array:

@@ -178,14 +178,25 @@ def repeatable_rows(
 
     They are whitened on the floor (bands,), the parity runs are those that repeats share.
     """
-    n, period_s = len(group.flat[0].stimulus), group.flat[0].stimulus.period_s
     _, repeatable, mix = mixing(group)
+    return _floored(group, filled_for, noise, floor, mix[np.array(repeatable)])
+
+
+def run_rows(group: Group, filled_for: Noise, noise: Noise, floor: Array) -> Callable[[NDArray[Any]], Array]:
+    """Return the same for the runs each by itself: (runs, k, m) into (k, runs, m)."""
+    return _floored(group, filled_for, noise, floor, np.eye(len(group.flat)))
+
+
+def _floored(
+    group: Group, filled_for: Noise, noise: Noise, floor: Array, mix: Array
+) -> Callable[[NDArray[Any]], Array]:
+    n, period_s = len(group.flat[0].stimulus), group.flat[0].stimulus.period_s
     power = power_of(noise, n, period_s) * np.maximum(left_of_noise(group, filled_for, noise), 1.0)
     sizes = [part.stop - part.start for part in band_slices(n, period_s)]
     deviation = np.sqrt(power * np.repeat(floor, sizes))
 
     def rows(coefficients: NDArray[Any]) -> Array:
-        mixed = np.tensordot(mix[np.array(repeatable)], coefficients, axes=1)
+        mixed = np.tensordot(mix, coefficients, axes=1)
         return np.asarray((mixed / deviation[: mixed.shape[2]]).transpose(1, 0, 2))
 
     return rows

@@ -12,14 +12,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.linalg import block_diag
 
-from bench.analysis.gap._cells import repeatable_rows
-from bench.analysis.gap._data import GapRun
+from bench.analysis.gap._cells import repeatable_rows, run_rows
+from bench.analysis.gap._data import GapRun, Group
 from bench.analysis.gap._fit import counts
 from bench.analysis.gap._learned_forms import Candidate, candidates_for, span_of
 from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._prepare import Prepared
-from bench.analysis.gap._stack import stacked
+from bench.analysis.gap._stack import Stack, stacked
 from drivers.base.arrays import Array
 from simulators.effects import REFERENCE_C, Input
 
@@ -70,6 +71,10 @@ def learned(data: Prepared, model: Model, named: Sequence[Term]) -> Learned:
     if len(problem.profiles) < 2:
         return Learned(reason="one profile only: nothing could be judged on another")
     chosen, gone = _chosen(problem)
+    harmed: list[str] = []
+    while chosen and (found := problem.harmed(chosen)):
+        harmed, chosen = harmed or found, chosen[:-1]
+        gone = problem.gone_left_out(chosen)
     clear = problem.gap > problem.noise
     whole = float(problem.gap[clear].sum())
     share = float(gone[clear].sum()) / whole if whole else 0.0
@@ -81,7 +86,9 @@ def learned(data: Prepared, model: Model, named: Sequence[Term]) -> Learned:
     if not chosen or share < _LEAST_SHARE:
         return Learned(
             by_profile=shares if chosen else {},
-            reason="no form that was learned on the other profiles took away what a profile left out shows",
+            reason=f"what was learned moves {', '.join(harmed)} further away"
+            if harmed
+            else "no form that was learned on the other profiles took away what a profile left out shows",
         )
     values, nominal = problem.fitted(chosen)
     terms = tuple(
@@ -132,20 +139,16 @@ class _Problem:
     """
 
     def __init__(self, data: Prepared, model: Model, named: Sequence[Term]) -> None:
+        self._data, self._named = data, named
         runs = [run for group in data.groups for run in group.flat]
         self.candidates = candidates_for(runs)
         self.profiles = tuple(dict.fromkeys(group.profile for group in data.groups))
         self.sigmas = model.sigmas
-        q = len(model.sigmas)
         self._rows: list[list[Array]] = [[] for _ in range(1 + len(self.candidates))]
         self._profile_of = [self.profiles.index(group.profile) for group in data.groups]
         for group, stack in zip(data.groups, data.stacks, strict=True):
             rows = repeatable_rows(group, stack.filled_for, data.noise.noise, data.floor.ratio)
-            own = stack.chosen(range(1 + q))
-            if named:
-                done = stacked(group.flat, lambda run: [_done(named, run)], [False], stack.filled_for)
-                own[:, 0] -= done.full[:, 0]
-            self._rows[0].append(rows(own))
+            self._rows[0].append(rows(self._beside_named(group, stack)))
             for place, candidate in enumerate(self.candidates, 1):
                 fresh = stacked(group.flat, _columns_of(candidate), [candidate.slow], stack.filled_for)
                 self._rows[place].append(
@@ -183,6 +186,41 @@ class _Problem:
     def gone_left_out(self, forms: Sequence[_Fitted]) -> Array:
         """Return the energy gone from every profile with the forms fitted to the others, (profiles,)."""
         system = self._system(forms)
+        weights = self._left_out(forms, system)
+        return np.asarray(self.before - np.einsum("pi,pij,pj->p", weights, system, weights))
+
+    def harmed(self, forms: Sequence[_Fitted]) -> list[str]:
+        """Return the runs that forms fitted to all profiles leave with more than noise may add.
+
+        What the repeats of a profile have in common may come nearer while one of them, which stands a little
+        otherwise, is moved away.
+        """
+        system = self._system(forms).sum(axis=0)
+        done = block_diag(*self._roots_of(forms)) @ self._weights(system)
+        found = []
+        for group, stack in zip(self._data.groups, self._data.stacks, strict=True):
+            rows = run_rows(group, stack.filled_for, self._data.noise.noise, self._data.floor.ratio)
+            own = self._beside_named(group, stack)
+            columns = [_columns_of(self.candidates[one.place]) for one in forms]
+            fresh = stacked(group.flat, _together(columns), [False] * len(forms), stack.filled_for)
+            whole = rows(np.concatenate((own, fresh.full), axis=1))
+            for run, part in zip(group.flat, whole.transpose(1, 0, 2), strict=True):
+                before, after = float(part[0] @ part[0]), float(np.sum((done @ part) ** 2))
+                noise = _SURE * math.sqrt(2.0 * part.shape[1])
+                if after > before + noise + _LEAST_GAIN * float(self.gap.sum()):
+                    found.append(run.run_id)
+        return found
+
+    def _beside_named(self, group: Group, stack: Stack) -> Array:
+        """Return the coefficients of [data less named effects, nominal columns], (runs, 1 + q, m)."""
+        own = stack.chosen(range(1 + len(self.sigmas)))
+        if self._named:
+            done = stacked(group.flat, lambda run: [_done(self._named, run)], [False], stack.filled_for)
+            own[:, 0] -= done.full[:, 0]
+        return own
+
+    def _left_out(self, forms: Sequence[_Fitted], system: Array) -> Array:
+        """Return what leaves [data, nominal columns, forms] of each profile left out, (profiles, m)."""
         whole, q = system.sum(axis=0), len(self.sigmas)
         normal, right = (whole - system)[:, 1:, 1:] + self._prior(len(whole) - 1), (whole - system)[:, 1:, :1]
         weights = np.zeros((len(system), len(whole)))
@@ -190,23 +228,30 @@ class _Problem:
         weights[:, 1 + q :] = -np.linalg.solve(normal, right)[:, q:, 0]
         # the nominal parameters are fitted to all profiles beside what the others say of the forms
         weights[:, 1 : 1 + q] = -np.stack([self._nominal(own) for own in weights @ whole[:, : 1 + q]])
-        return np.asarray(self.before - np.einsum("pi,pij,pj->p", weights, system, weights))
+        return weights
 
     def fitted(self, forms: Sequence[_Fitted]) -> tuple[list[tuple[Array, Array]], Array]:
         """Return each form's values and sigmas, and the nominal ones' change, fitted to all profiles."""
         system, q = self._system(forms).sum(axis=0), len(self.sigmas)
         inverse = np.linalg.inv(system[1:, 1:] + self._prior(len(system) - 1))
-        scores, result, at = inverse @ system[1:, 0], [], q
+        weights, result, at = self._weights(system), [], q
         for one in forms:
             root = math.sqrt(self._energy(one)) * self.roots(one.place)[one.prior]
             basis = self.candidates[one.place].basis
             values = root if basis is None else basis @ root
             own = slice(at, at + root.shape[1])
             variances = np.einsum("ij,jk,ik->i", values, inverse[own, own], values)
-            result.append((values @ scores[own], np.sqrt(np.maximum(variances, 0.0))))
+            result.append((-values @ weights[1:][own], np.sqrt(np.maximum(variances, 0.0))))
             at += root.shape[1]
+        return result, -weights[1 : 1 + q]
+
+    def _weights(self, system: Array) -> Array:
+        """Return what leaves [data, nominal columns, forms] fitted to all profiles together, (m,)."""
+        q = len(self.sigmas)
+        scores = np.linalg.solve(system[1:, 1:] + self._prior(len(system) - 1), system[1:, 0])
         weights = np.concatenate(([1.0], np.zeros(q), -scores[q:]))
-        return result, self._nominal((system @ weights)[: 1 + q])
+        weights[1 : 1 + q] = -self._nominal((system @ weights)[: 1 + q])
+        return weights
 
     def _energy(self, one: _Fitted) -> float:
         return one.loose * max(float(self.gap.sum()), 1.0)
@@ -222,15 +267,18 @@ class _Problem:
 
     def _system(self, forms: Sequence[_Fitted]) -> Array:
         """Return the products of [data, nominal columns, the forms' priors] by profile, (profiles, m, m)."""
-        roots = [np.eye(1 + len(self.sigmas))]
-        roots += [math.sqrt(self._energy(one)) * self.roots(one.place)[one.prior] for one in forms]
-        places = [0, *(1 + one.place for one in forms)]
+        roots, places = self._roots_of(forms), [0, *(1 + one.place for one in forms)]
         return np.block(
             [
                 [left.T @ self._product(a, b) @ right for b, right in zip(places, roots, strict=True)]
                 for a, left in zip(places, roots, strict=True)
             ]
         )
+
+    def _roots_of(self, forms: Sequence[_Fitted]) -> list[Array]:
+        """Return the roots of the priors: of data and nominal columns one by one, and of the forms."""
+        own = [math.sqrt(self._energy(one)) * self.roots(one.place)[one.prior] for one in forms]
+        return [np.eye(1 + len(self.sigmas)), *own]
 
     def _product(self, one: int, other: int) -> Array:
         """Return the products of two candidates' rows by profile; 0: the data and the nominal columns."""
@@ -245,6 +293,11 @@ class _Problem:
                 total[at] += np.matmul(next(rows), next(rows).T)
             self._products[one, other] = total
         return self._products[one, other]
+
+
+def _together(columns: Sequence[Callable[[GapRun], list[Array]]]) -> Callable[[GapRun], list[Array]]:
+    """Return what gives the blocks of several candidates' columns."""
+    return lambda run: [block for each in columns for block in each(run)]
 
 
 def _done(terms: Sequence[Term], run: GapRun) -> Array:

@@ -172,3 +172,17 @@ def test_a_plant_executes_a_learned_form_as_the_diagnosis_does(name: str) -> Non
     if variant.effect.unit == PPM:
         expected = expected * 1e6 / s.input_rate_dph
     assert np.std(executed - expected) < 0.08 * np.std(expected)
+
+
+def test_what_suits_most_repeats_and_harms_one_is_not_learned(nominal: Model) -> None:
+    """A wave over temperature in four repeats of five; the fifth of each profile is free of it."""
+    rng = np.random.default_rng(9)
+    runs = []
+    for profile, n in PROFILES.items():
+        for repeat in range(5):
+            s = stimulus(n)
+            added = _fringes(s, profile, repeat) * (repeat < 4)
+            runs.append(made_run(f"{profile} {repeat}", s, rng, added, profile=profile))
+    learned = diagnose(runs, nominal).rate.learned
+    assert learned is not None and not learned.terms
+    assert learned.reason.endswith("4 further away")

@@ -22,7 +22,8 @@ from bench.analysis.gap import (
 from bench.analysis.gap._close import shrinkage
 from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._disturbed import without_disturbances
-from simulators.effects import Stimulus
+from simulators.effects import SlowRates, Stimulus
+from simulators.effects._limits import _edge_dph
 from tests.analysis.gap.conftest import effect, made_run, stimulus
 
 RATES_DPS = (0.0, 0.01, -0.01, 0.03, -0.03, 0.1, -0.1, 1.0, -1.0, 10.0, -10.0, 50.0, -50.0, 100.0, -100.0)
@@ -71,6 +72,24 @@ def test_dead_zone_is_found_with_its_band(nominal: Model) -> None:
     assert _named(found) == ["dead_zone"]
     # Earth's 9.5 and +-0.01 deg/s (36 deg/h) are inside, 0.03 deg/s (108) is outside
     assert 45.5 < found.causes[0].term.variant.shape["band_dph"] < 98.5
+
+
+def test_the_edge_of_a_dead_zone_is_found_between_two_samples() -> None:
+    """Levels of 1.9 and 8 deg/h, two passes of the edge at 5.39 deg/h, noise of 0.4 and a bias of 3."""
+    rng = np.random.default_rng(4)
+    passes = np.concatenate((np.linspace(-8.0, 8.0, 400), np.linspace(8.0, -8.0, 400)))
+    rate_dph = np.concatenate((np.full(300, 1.9), passes, np.full(300, -8.0)))
+    angle = np.concatenate(([0.0], np.cumsum(rate_dph / 3600.0)))
+    s = replace(stimulus(len(rate_dph), cold=False), angle_deg=angle, latitude_deg=0.0)
+    rate = s.input_rate_dph
+    rest = np.where(np.abs(rate) < 5.39, -rate, 0.0) + 3.0 + rng.normal(0.0, 0.4, len(s))
+    rest[700:720] = np.nan
+    none = np.zeros(0)
+    rates = SlowRates(none, none, none.astype(np.int64), [(s, rest)])
+    for guess in (2.5, 5.0, 6.5):
+        assert _edge_dph(rates, guess) == pytest.approx(5.39, abs=0.03)
+    alive = SlowRates(none, none, none.astype(np.int64), [(s, rng.normal(0.0, 0.1, len(s)))])
+    assert _edge_dph(alive, 2.5) == 2.5
 
 
 def test_lock_in_is_told_from_a_dead_zone(nominal: Model) -> None:
