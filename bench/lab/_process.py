@@ -9,7 +9,11 @@ from contextlib import suppress
 from typing import Any
 
 from drivers.base.errors import BenchError, ConfigurationError
+from drivers.base.pipes import of_its_own
 from drivers.base.system import SELECTS_FILES
+
+_LOOK_S = None if SELECTS_FILES else 0.5
+"""How often to look whether a lab has ended: on Windows, who waits without end does not hear Ctrl-C."""
 
 
 class LabProcess:
@@ -19,17 +23,11 @@ class LabProcess:
     """
 
     def __init__(self, line: bytes) -> None:
-        if not SELECTS_FILES:
-            raise ConfigurationError(
-                "an emulated lab cannot have a process of its own on this system",
-                expected="Linux",
-                remedy="rehearse: the lab is then in the bench's process",
-            )
         self._popen = subprocess.Popen(
             [sys.executable, "-P", "-m", "simulators.lab"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            start_new_session=True,  # Ctrl-C is for the bench: the lab lives until the bench lets go of it
+            **of_its_own(),  # Ctrl-C is for the bench: the lab lives until the bench lets go of it
         )
         assert self._popen.stdin is not None and self._popen.stdout is not None
         self._stdin, self._stdout = self._popen.stdin, self._popen.stdout
@@ -45,7 +43,7 @@ class LabProcess:
 
     def perform(self, line: bytes) -> dict[str, Any]:
         """Write a line to the control channel and return the answer; BenchError if the lab has ended."""
-        with suppress(BrokenPipeError):
+        with suppress(OSError):  # it has ended, which the answer that does not come says
             self._stdin.write(line + b"\n")
             self._stdin.flush()
         if not (answer := self._stdout.readline()):
@@ -57,7 +55,9 @@ class LabProcess:
 
     def wait(self) -> None:
         """Wait until it has ended."""
-        self._popen.wait()
+        while self._popen.poll() is None:
+            with suppress(subprocess.TimeoutExpired):
+                self._popen.wait(_LOOK_S)
 
     def kill(self) -> None:
         """End it at once."""
@@ -65,7 +65,7 @@ class LabProcess:
 
     def close(self) -> None:
         """Close the control channel: the lab's process ends."""
-        with suppress(BrokenPipeError):
+        with suppress(OSError):
             self._stdin.close()
         try:
             self._popen.wait(timeout=10.0)

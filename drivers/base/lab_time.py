@@ -1,6 +1,7 @@
 """How the time of an emulated lab is moved: by a call where the lab is in this process, else by messages.
 
-Wire format of the messages (Unix socket, little-endian). The lab greets with one JSON line: {"protocol":
+Wire format of the messages (Unix socket, little-endian; without Unix sockets TCP on loopback, where the bench
+first says the word that ends the URL, and a line feed). The lab greets with one JSON line: {"protocol":
 "gyrobench-clock", "version": 1, "ports": [names], "now_ns": t, "cpu": n or null, "emulated": {"seed": n,
 "model": text} or null}. Then lock-step:
 
@@ -21,7 +22,6 @@ from __future__ import annotations
 import itertools
 import json
 import os
-import select
 import socket
 import struct
 from collections.abc import Callable, Sequence
@@ -29,6 +29,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
 from drivers.base.errors import BenchError, ConfigurationError, LinkLost
+from drivers.base.system import READABLE
 
 PROTOCOL = "gyrobench-clock"
 VERSION = 1
@@ -184,16 +185,15 @@ class Codec:
 
 
 class _MessagedLab:
-    """A lab of another process, at the Unix socket `virtual://PATH`."""
+    """A lab of another process, at the Unix socket `virtual://PATH` or at `virtual://HOST:PORT/WORD`."""
 
     def __init__(self, url: str) -> None:
         self.url = url
-        self._socket = socket.socket(socket.AF_UNIX)
-        self._socket.settimeout(WATCHDOG_S)
+        place = url.removeprefix(_SCHEME)
+        by_path = place.startswith("/")
         try:
-            self._socket.connect(url.removeprefix(_SCHEME))
-        except OSError as error:
-            self._socket.close()
+            self._socket = _at_path(place) if by_path else _at_port(place)
+        except (OSError, ValueError) as error:
             raise ConfigurationError(
                 "no emulated lab answers at the clock URL",
                 where=url,
@@ -207,6 +207,8 @@ class _MessagedLab:
             self._socket.close()
             raise
         self._codec = Codec(len(self.greeting.ports))
+        if not by_path:  # the time-out of the socket is the watchdog
+            return
         # One blocking read a step; the kernel's own time-out is the watchdog.
         self._socket.settimeout(None)
         watchdog = struct.pack("@ll", int(WATCHDOG_S), 0)
@@ -222,7 +224,7 @@ class _MessagedLab:
         if reply.startswith(FULL):
             reply = reply[len(FULL) :]
             while not reply:
-                reply = self._receive() if make_room(self._socket.fileno(), select.POLLIN) else b""
+                reply = self._receive() if make_room(self._socket.fileno(), READABLE) else b""
         while (unpacked := self._codec.unpack_reply(reply)) is None:
             reply += self._receive()
         return unpacked
@@ -243,10 +245,32 @@ class _MessagedLab:
     def _receive(self) -> bytes:
         try:
             data = self._socket.recv(65536)
-        except BlockingIOError:
+        except (BlockingIOError, TimeoutError):
             raise lab_lost(self.url, f"it said nothing for {WATCHDOG_S:g} s") from None
         except OSError as error:
             raise lab_lost(self.url, error) from error
         if not data:
             raise lab_lost(self.url, "it hung up")
         return data
+
+
+def _at_path(place: str) -> socket.socket:
+    if not hasattr(socket, "AF_UNIX"):
+        raise OSError("this system has no Unix sockets")
+    connection = socket.socket(socket.AF_UNIX)
+    connection.settimeout(WATCHDOG_S)
+    try:
+        connection.connect(place)
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def _at_port(place: str) -> socket.socket:
+    address, _, word = place.partition("/")
+    host, _, port = address.rpartition(":")
+    connection = socket.create_connection((host, int(port)), timeout=WATCHDOG_S)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    connection.sendall(word.encode() + b"\n")
+    return connection

@@ -62,15 +62,16 @@ class _SelectPoll:
     def unregister(self, descriptor: int) -> None:
         del self._wanted[descriptor]
 
-    def poll(self, timeout_ms: float) -> list[tuple[int, int]]:
+    def poll(self, timeout_ms: float | None = None) -> list[tuple[int, int]]:
         reading = [descriptor for descriptor, events in self._wanted.items() if events & READABLE]
         writing = [descriptor for descriptor, events in self._wanted.items() if events & WRITABLE]
-        readable, writable, _ = select.select(reading, writing, [], timeout_ms / 1e3)
+        timeout_s = None if timeout_ms is None else timeout_ms / 1e3
+        readable, writable, _ = select.select(reading, writing, [], timeout_s)
         return [(found, READABLE) for found in readable] + [(found, WRITABLE) for found in writable]
 
 
 def poller() -> Any:
-    """Return an object like `select.poll()`: `register`, `unregister`, `poll(ms)`."""
+    """Return an object like `select.poll()`: `register`, `unregister`, `poll(ms)` or `poll()`."""
     return select.poll() if SELECTS_FILES else _SelectPoll()
 
 

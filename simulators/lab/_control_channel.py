@@ -10,9 +10,13 @@ import json
 import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from functools import partial
+from io import FileIO
 from typing import Any
 
 from drivers.base.errors import BenchError
+from drivers.base.pipes import pumped_in
+from drivers.base.system import SELECTS_FILES
 
 Act = Callable[[dict[str, Any]], dict[str, Any]]
 
@@ -34,8 +38,11 @@ class ControlChannel:
 
     def __init__(self, acts: Mapping[str, Act], *, input_fd: int = 0, output_fd: int = 1) -> None:
         self._acts = acts
-        self._input = input_fd
-        self._output = output_fd
+        self._input, self._output = input_fd, output_fd
+        self._read: Callable[[int], bytes] = partial(os.read, input_fd)
+        if not SELECTS_FILES:
+            source = pumped_in(FileIO(input_fd, closefd=False))
+            self._input, self._read = source.fileno(), source.recv
         self._pending = b""
 
     def fileno(self) -> int:
@@ -45,13 +52,13 @@ class ControlChannel:
     def say(self, message: dict[str, Any]) -> None:
         """Write one line; if whoever should hear it has gone, the closed channel ends the lab."""
         view = memoryview(json.dumps(message).encode() + b"\n")
-        with suppress(BrokenPipeError):
+        with suppress(OSError):
             while view:
                 view = view[os.write(self._output, view) :]
 
     def answer(self) -> bool:
         """Answer what has arrived; False when the channel is closed."""
-        data = os.read(self._input, 65536)
+        data = self._read(65536)
         if not data:
             return False
         self._pending += data

@@ -3,42 +3,23 @@
 from __future__ import annotations
 
 import select
-import shutil
 import socket
 import sys
-import tempfile
-from pathlib import Path
 from typing import Any
 
 from drivers.base.clock import WallClock
-from drivers.base.errors import BenchError, ConfigurationError
+from drivers.base.errors import BenchError
 from drivers.base.lab_time import FULL, Codec
+from drivers.base.system import READABLE, poller
 from drivers.base.virtual_clock import share_cpu
 from simulators.lab._control_channel import ControlChannel
 from simulators.lab._core import Lab
+from simulators.lab._door import Door
 from simulators.lab._lock_step import LockStep
 from simulators.lab._ports import STALL_MS
 
 _TICK_S = 0.02
 """Wall-clock cadence of a lab on the wall clock; about an FTDI adapter's 16 ms latency timer."""
-
-
-def _listen(path: Path) -> socket.socket:
-    """Return a listening socket at `path`: half the cost of a turn over TCP, and closed to other users."""
-    listener = socket.socket(socket.AF_UNIX)
-    try:
-        listener.bind(str(path))
-    except OSError as error:
-        listener.close()
-        raise ConfigurationError(
-            "the lab's clock has no place to be reached at",
-            where=str(path),
-            found=str(error),
-            expected="a folder for temporary files with a name of less than 80 characters",
-            remedy="set TMPDIR to another one",
-        ) from error
-    listener.listen()
-    return listener
 
 
 class VirtualService:
@@ -55,37 +36,36 @@ class VirtualService:
         self._channel = channel
         self._cpu = cpu
         self._codec = Codec(len(lab.ports))
-        self._folder = Path(tempfile.mkdtemp(prefix="gyrobench-"))  # for this user only
-        self._listener = _listen(self._folder / "clock")
-        self.url = f"virtual://{self._folder}/clock"
+        self._door = Door()
+        self.url = self._door.url
 
     def run(self) -> None:
         """Serve benches until the control channel closes."""
         share_cpu(self._cpu)
         try:
             while self._await_bench():
-                connection, _ = self._listener.accept()
+                if (connection := self._door.accept()) is None:
+                    continue
                 with connection:
                     self._serve(connection)
                 self._lab.leave()
         finally:
-            self._listener.close()
-            shutil.rmtree(self._folder, ignore_errors=True)
+            self._door.close()
 
     def _await_bench(self) -> bool:
         while True:
-            waiting: list[Any] = [self._listener, self._channel]
+            waiting: list[Any] = [self._door, self._channel]
             ready, _, _ = select.select(waiting, [], [])
             if self._channel in ready and not self._channel.answer():
                 return False
-            if self._listener in ready:
+            if self._door in ready:
                 return True
 
     def _serve(self, connection: socket.socket) -> None:
         connection.sendall(self._lab.greeting.to_line())
-        poll = select.poll()
-        poll.register(connection, select.POLLIN)
-        poll.register(self._channel, select.POLLIN)
+        poll = poller()
+        poll.register(connection.fileno(), READABLE)
+        poll.register(self._channel.fileno(), READABLE)
         pending = b""
         while True:
             for descriptor, _ in poll.poll():
@@ -118,7 +98,7 @@ class _Room:
         if not self._told:  # once a request
             self._told = True
             self._connection.sendall(FULL)
-        poll = select.poll()
+        poll = poller()
         poll.register(descriptor, events)
         if not poll.poll(STALL_MS):
             raise BenchError("the bench has a port open but does not read it")

@@ -119,14 +119,6 @@ try:
 except gyrobench.ConfigurationError as error:
     print(error.remedy)
 """
-APART = """
-import gyrobench
-from bench.lab._process import LabProcess
-try:
-    LabProcess(b"")
-except gyrobench.ConfigurationError as error:
-    print(error.remedy)
-"""
 HELD = """
 import sys
 from bench.control.lease import lease_holder, take_lease
@@ -177,10 +169,6 @@ def test_a_run_on_devices_without_a_watchdog_is_asked_for(tmp_path: Path) -> Non
     refused = HIDDEN + LOCKING + PAIRS + RUN
     assert "`watchdog = false` in [safe]" in said(refused, tmp_path, str(DEMO))
     assert not (tmp_path / "runs").exists()
-
-
-def test_a_lab_apart_is_refused_in_a_sentence(tmp_path: Path) -> None:
-    assert "in the bench's process" in said(HIDDEN + APART, tmp_path)
 
 
 def test_a_look_has_the_same_figures(tmp_path: Path) -> None:

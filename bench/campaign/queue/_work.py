@@ -38,6 +38,7 @@ from bench.record.benchfile import load_bench_file
 from bench.record.events import Role
 from drivers.base.clock import utc_now
 from drivers.base.errors import BenchError, BenchInUse, ConfigurationError
+from drivers.base.pipes import of_its_own
 
 _ATTENDED_EVERY = timedelta(minutes=1)
 _LEFT_ALONE = timedelta(minutes=10)
@@ -199,7 +200,7 @@ class BenchQueue:
                 stdin=subprocess.DEVNULL,
                 stdout=out,
                 stderr=err,
-                start_new_session=True,
+                **of_its_own(),
             )
         self._children.append(child)
         process = {"pid": child.pid, "process_start": process_start(child.pid)}

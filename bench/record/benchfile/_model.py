@@ -91,7 +91,7 @@ class BenchSection(Section):
     latitude_deg: float = Field(ge=-90, le=90, description="the bench's latitude in degrees, north positive")
     clock: str | None = Field(
         default=None,
-        pattern=r"^virtual:///.+$",
+        pattern=r"^virtual://(127\.0\.0\.1:[0-9]+)?/.+$",
         description="'virtual:///...', the clock of an emulated lab; leave it out for the wall clock",
     )
     emulated: Emulated | None = Field(
