@@ -42,6 +42,7 @@ from drivers.base.errors import (
     WrongDevice,
 )
 from drivers.base.virtual_clock import VirtualClock
+from drivers.base.windows import HOLDS_PROCESSES
 from drivers.kit.config import SupplyConfig, UnderTestConfig
 from drivers.kit.instruments import Gyro, Supply
 from drivers.kit.kinds import Connection
@@ -112,11 +113,11 @@ def run_procedure(request: RunRequest) -> RunResult:
     require_none_beyond(beyond, file, "the run", procedure.name)
     if late := overdue(file.calibration, utc_now()):
         _refuse_overdue(late, file)
-    if file.safe.watchdog and not file.bench.clock and not hasattr(os, "pidfd_open"):
+    if file.safe.watchdog and not file.bench.clock and not (hasattr(os, "pidfd_open") or HOLDS_PROCESSES):
         raise ConfigurationError(
             "this system has no watchdog: nobody would stop the bench if this process died",
             where=file.bench.name,
-            expected="Linux",
+            expected="Linux, or Windows (untried)",
             remedy="`watchdog = false` in [safe], and somebody who stays with the bench",
         )
     if request.lease is None:

@@ -26,6 +26,8 @@ def _known(module: str) -> Any:
 
 _fcntl: Any = _known("fcntl")
 _msvcrt: Any = None if _fcntl else _known("msvcrt")
+INHERITED = _fcntl is not None
+"""Whether a child process that inherits the descriptor keeps the lock."""
 
 
 def take_lock(descriptor: int, *, wait: bool = False) -> None:

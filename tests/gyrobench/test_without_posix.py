@@ -5,9 +5,6 @@ Only our modules are kept from them: the libraries underneath have their own way
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -16,6 +13,7 @@ import gyrobench
 from bench.analysis.gap._case_folder import write_case
 from bench.analysis.gap._exam import make_case, nominal_model
 from bench.analysis.gap._model_file import model_text
+from tests.gyrobench.hidden_posix import HIDDEN, LOCKING, PAIRS, PROCESSES, said
 
 ROOT = Path(__file__).parents[2]
 DEMO = ROOT / "examples" / "demo.toml"
@@ -32,44 +30,6 @@ LIBRARIES = """
 import importlib
 for library in ("asammdf", "distributed", "matplotlib.pyplot", "nicegui", "pymodbus", "torch", "uvicorn"):
     importlib.import_module(library)
-"""
-HIDDEN = """
-import fcntl as real, importlib, pkgutil, struct, sys, types
-import can, joblib, multiprocessing, pandas, rich.live, serial, serial.tools.list_ports
-
-class Hides:
-    def find_spec(self, name, path=None, target=None):
-        if name in ("termios", "fcntl", "tty", "pty", "resource"):
-            raise ModuleNotFoundError(name, name=name)
-
-for name in ("termios", "fcntl", "tty", "pty", "resource"):
-    sys.modules.pop(name, None)
-sys.meta_path.insert(0, Hides())
-import os, select, selectors, signal, socket, subprocess, tempfile  # who needs more than Windows asks at import
-del socket.AF_UNIX, signal.SIGHUP, signal.SIGKILL, signal.SIGUSR1, select.poll, select.POLLIN, select.POLLOUT
-for name in (
-    "O_CLOEXEC", "O_NONBLOCK", "O_DIRECTORY", "O_NOFOLLOW", "O_SYNC", "fdatasync", "fork", "openpty", "getuid",
-    "geteuid", "killpg", "getpgid", "setsid", "pread", "pwrite", "mkfifo", "sched_getaffinity",
-    "sched_setaffinity", "statvfs", "posix_fadvise", "ttyname", "set_blocking", "isatty", "pidfd_open",
-):
-    delattr(os, name)
-"""
-LOCKING = """
-# msvcrt.locking as Python documents it: bytes from where the file is, OSError where another handle has them
-def locking(descriptor, mode, count):
-    kind = real.F_UNLCK if mode == 0 else real.F_WRLCK
-    real.fcntl(descriptor, real.F_OFD_SETLK, struct.pack("hhqqi4x", kind, os.SEEK_CUR, 0, count, 0))
-
-sys.modules["msvcrt"] = types.SimpleNamespace(LK_UNLCK=0, LK_LOCK=1, LK_NBLCK=2, locking=locking)
-"""
-PAIRS = """
-def socketpair():  # over TCP, as Python has it on Windows
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        near = socket.create_connection(listener.getsockname())
-        far, _ = listener.accept()
-    return near, far
-
-socket.socketpair = socketpair
 """
 IMPORTS = """
 import bench, drivers, gyrobench, procedures, simulators
@@ -119,6 +79,18 @@ try:
 except gyrobench.ConfigurationError as error:
     print(error.remedy)
 """
+KNOWN = """
+del os.kill
+from bench.control.live._files import _runs
+from drivers.base.windows import end_process, hold_process, process_runs
+child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+known = [[process_runs(child.pid)], [_runs(child.pid, 0)]]
+end_process(hold_process(child.pid), 10.0)
+child.wait()
+known[0].append(process_runs(child.pid))
+known[1].append(_runs(child.pid, 0))
+print(*known)
+"""
 HELD = """
 import sys
 from bench.control.lease import lease_holder, take_lease
@@ -135,16 +107,10 @@ with take_lease(bench, "three") as lease:
 """
 
 
-def said(code: str, folder: Path, *words: str) -> str:
-    done = subprocess.run(
-        [sys.executable, "-c", code, *words],
-        cwd=folder,
-        env=os.environ | {"USERNAME": "somebody", "XDG_STATE_HOME": str(folder / "state")},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+def test_a_process_is_known_to_run_without_asking_it(tmp_path: Path) -> None:
+    """`os.kill(pid, 0)` would be Ctrl-C there."""
+    shown = said(PROCESSES + HIDDEN + KNOWN, tmp_path)
+    assert shown == "[True, False] [True, False]\n"
 
 
 def test_everything_is_imported(tmp_path: Path) -> None:
@@ -165,7 +131,7 @@ def test_a_rehearsal_over_tcp_records_the_same_bytes(tmp_path: Path) -> None:
     assert hidden == said(REHEARSE, here, str(DEMO)) and "raw/fog_1.idx" in hidden
 
 
-def test_a_run_on_devices_without_a_watchdog_is_asked_for(tmp_path: Path) -> None:
+def test_a_run_where_no_watchdog_can_be_is_asked_for(tmp_path: Path) -> None:
     refused = HIDDEN + LOCKING + PAIRS + RUN
     assert "`watchdog = false` in [safe]" in said(refused, tmp_path, str(DEMO))
     assert not (tmp_path / "runs").exists()

@@ -19,6 +19,7 @@ from drivers.base.clock import epoch_seconds, utc_now
 from drivers.base.errors import ConfigurationError, RecordError
 from drivers.base.files import SETTINGS_BYTES, parse_json, read_bounded, replace_file
 from drivers.base.system import open_flags
+from drivers.base.windows import HOLDS_PROCESSES, process_runs
 
 ACKNOWLEDGED_FILE = "acknowledged.jsonl"
 LIVE_FOLDER = "live"
@@ -224,6 +225,8 @@ def _runs(pid: object, started: object) -> bool:
         return False
     if isinstance(started, int) and started > 0 and process_start(pid) != started:
         return False
+    if HOLDS_PROCESSES:  # there, 0 is the number of Ctrl-C
+        return process_runs(pid)
     try:
         os.kill(pid, 0)
     except (ProcessLookupError, OverflowError):

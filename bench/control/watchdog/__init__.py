@@ -2,7 +2,8 @@
 
 The runner's driving thread beats over a pipe whenever it waits on the clock. Without a beat for `HUNG_S`, or when
 the pipe closes, the watchdog ends the runner for good, takes its ports over, stops table and chamber, reads back
-that they rest, and writes what it did into `watchdog/` of the run folder. Meanwhile it keeps the bench's lease.
+that they rest, and writes what it did into `watchdog/` of the run folder. Meanwhile it keeps the bench's lease;
+where a lock ends with its process (Windows), it takes it anew.
 
 The watchdog sends the beats back. One that does not, or whose process ends, is an alarm of the run; it is ended
 for good and another started in its place. When none comes up the run ends with the bench in its safe state.
@@ -34,6 +35,7 @@ from bench.record.benchfile import BenchFile
 from bench.record.events.run import Alarm, Invalid
 from drivers.base.clock import host_seconds
 from drivers.base.errors import BenchError
+from drivers.base.pipes import Pipes, of_its_own
 
 __all__ = ["HUNG_S", "STARVED_S", "UNARMED_S", "Watchdog"]
 
@@ -75,20 +77,16 @@ class _Process:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             bufsize=0,
-            start_new_session=True,  # Ctrl-C and a closed terminal are for the runner
-            pass_fds=lease.descriptors,
+            **of_its_own(lease.descriptors),
         )
         lease.update(watchdog_pid=self._process.pid)
-        assert self._process.stdin is not None and self._process.stdout is not None
-        self._input, self._output = self._process.stdin.fileno(), self._process.stdout.fileno()
+        self._pipes = Pipes(self._process, order)  # a watchdog that does not read must not stop the runner
         self.started_s = host_seconds()
         self.ready = self.armed = self.ended = False
         self._unread = b""
         self._sequence = 0
         self._unanswered: deque[tuple[int, float, float]] = deque()
         """Number of each beat, when it was sent, and how long the process had waited for a processor by then."""
-        self.write(order)
-        os.set_blocking(self._input, False)  # a watchdog that does not read must not stop the runner
 
     @property
     def pid(self) -> int:
@@ -107,8 +105,8 @@ class _Process:
 
     def listen(self, timeout_s: float = 0.0) -> None:
         """Take what it says within `timeout_s`."""
-        while not self.ended and select.select([self._output], [], [], timeout_s)[0]:
-            data = os.read(self._output, 1 << 16)
+        while not self.ended and select.select([self._pipes], [], [], timeout_s)[0]:
+            data = self._pipes.read()
             self.ended = not data
             self._unread += data
             timeout_s = 0.0
@@ -133,9 +131,7 @@ class _Process:
         self._unanswered = deque((number, now_s, waited_s) for number, _, waited_s in self._unanswered)
 
     def write(self, data: bytes) -> None:
-        # `listen` tells of a watchdog that is dead or stopped
-        with suppress(BrokenPipeError, BlockingIOError):
-            os.write(self._input, data)
+        self._pipes.write(data)  # `listen` tells of a watchdog that is dead or stopped
 
     def dismiss(self) -> bool:
         """Let it end; return whether it did, and well."""
@@ -148,9 +144,7 @@ class _Process:
         self._await_end()
 
     def _await_end(self) -> int:
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                pipe.close()
+        self._pipes.close()
         try:
             self._process.wait(timeout=_END_TIMEOUT_S)
         except subprocess.TimeoutExpired:

@@ -6,7 +6,9 @@ import os
 import sys
 
 from bench.control.watchdog._process import main
+from drivers.base.system import SELECTS_FILES
 
 if __name__ == "__main__":
-    os.set_blocking(1, False)  # a runner that does not read must not stop its watchdog
+    if SELECTS_FILES:
+        os.set_blocking(1, False)  # a runner that does not read must not stop its watchdog
     sys.exit(main())

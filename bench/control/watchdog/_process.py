@@ -14,20 +14,26 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from io import FileIO
 from pathlib import Path
 from typing import Any, Literal
 
 from bench.control.devices import made_safe, open_chamber, open_instrument, open_table
-from bench.control.lease import device_at
+from bench.control.lease import Lease, device_at, take_lease
 from bench.control.safe_state import Reading, bring_to_rest
 from bench.control.watchdog import ARMED, DISMISSED, FOLDER, READY, sent_s
 from bench.control.watchdog._silence import HUNG_S, UNARMED_S, SilenceTimeout, runqueue_wait_s
 from bench.record.benchfile import bench_file_from
 from bench.record.events import Event
+from bench.record.events.run import Alarm
 from bench.record.events.safe import SafeState, Takeover, TakeoverEnded
 from bench.record.recording import EventLog, Journal
 from drivers.base.clock import Clock, WallClock, host_seconds, utc_now
-from drivers.base.errors import BenchError, RecordError
+from drivers.base.errors import BenchError, BenchInUse, RecordError
+from drivers.base.locks import INHERITED
+from drivers.base.pipes import pumped_in, pumped_out
+from drivers.base.system import SELECTS_FILES
+from drivers.base.windows import end_process, hold_process
 from drivers.kit.instruments import Instrument
 from drivers.kit.link import Tap
 
@@ -38,8 +44,13 @@ _OVERSLEPT_S = 1.0
 """A watchdog that wakes so much later was stopped, its runner perhaps too: that is given its time anew, once. It
 tells of the gap itself (`bench.control.time_watch`)."""
 
+_LEASE_S = 1.0
+"""How long the lease is tried that the runner's end has freed, where no process inherits it: a table may turn."""
+
+_ENDED_S = 1.0
 _FIRST_TRY_S = 1.0
 _AGAIN_S = 0.02
+_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 
 
 _Opener = Callable[[Clock, Tap | None], Instrument]
@@ -51,35 +62,40 @@ class _Replaced(BenchError):
 
 @dataclass(frozen=True)
 class Order:
-    """What the runner wants guarded; `armed`: from the beginning, in place of a watchdog that was lost."""
+    """What the runner wants guarded; `armed`: from the beginning, in place of a watchdog that was lost.
+
+    `take_lease`: takes the lease once the runner has ended; None where this process has inherited it.
+    """
 
     run_folder: Path
     runner: int
     lease: tuple[int, ...]
     openers: dict[str, _Opener]
     armed: bool = False
+    take_lease: Callable[[], Lease] | None = None
 
 
 def main() -> int:
     """Guard one runner; 0 when it was not needed or the bench is at rest, 1 when that could not be confirmed."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in (getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)):
         signal.signal(number, signal.SIG_IGN)  # whoever stops the runner must not stop what guards it
     order = _read_order()
     runner: int | None = None
     with suppress(ProcessLookupError):
-        runner = os.pidfd_open(order.runner)
+        runner = os.pidfd_open(order.runner) if SELECTS_FILES else hold_process(order.runner)
+    source, read, write = _runner_pipes()
     with suppress(
-        BrokenPipeError
+        ConnectionError
     ):  # dismissed while it came up, or the runner has ended: both are read below
-        os.write(1, READY + b"\n")
+        write(READY + b"\n")
     armed, unread = order.armed, b""
     timeout = SilenceTimeout(host_seconds(), runqueue_wait_s(order.runner), HUNG_S if armed else UNARMED_S)
     excused = False
     while True:
         waited_s, began_s = runqueue_wait_s(order.runner), host_seconds()
         left_s = timeout.left_s(began_s, waited_s)
-        ready, _, _ = select.select([0], [], [], left_s)
-        said = os.read(0, 4096) if ready else b""
+        ready, _, _ = select.select([source], [], [], left_s)
+        said = read(4096) if ready else b""
         *lines, unread = (unread + said).split(b"\n")
         if DISMISSED in lines or (ready and not said and not armed):
             return 0
@@ -91,7 +107,7 @@ def main() -> int:
         if lines:
             armed = armed or ARMED in lines
             with suppress(OSError):
-                os.write(1, lines[-1] + b"\n")
+                write(lines[-1] + b"\n")
             heard_s = now_s if overslept or lines[-1] == ARMED else sent_s(lines[-1])
             timeout = SilenceTimeout(heard_s, waited_s, HUNG_S if armed else UNARMED_S)
             excused = overslept
@@ -112,17 +128,27 @@ def main() -> int:
     return 0 if confirmed else 1
 
 
+def _runner_pipes() -> tuple[int, Callable[[int], bytes], Callable[[bytes], int]]:
+    """Return what to wait for and how to hear and to speak: by standard input and output, or sockets."""
+    if SELECTS_FILES:
+        return 0, partial(os.read, 0), partial(os.write, 1)
+    source, sink = pumped_in(FileIO(0, closefd=False)), pumped_out(FileIO(1, "w", closefd=False))
+    sink.setblocking(False)  # a runner that does not read must not stop its watchdog
+    return source.fileno(), source.recv, sink.send
+
+
 def _read_order() -> Order:
     line = b""
     while not line.endswith(b"\n"):
         line += os.read(0, 1) or b"\n"
     data: dict[str, Any] = json.loads(line)
-    file = bench_file_from(data["bench"])
+    file, folder = bench_file_from(data["bench"]), Path(data["run_folder"])
     return Order(
-        run_folder=Path(data["run_folder"]),
+        run_folder=folder,
         runner=int(data["runner"]),
         lease=tuple(data["lease"]),
         armed=bool(data["armed"]),
+        take_lease=None if INHERITED else partial(take_lease, file, f"the watchdog of run {folder.name}"),
         openers={
             "table": _of(file.table.port, partial(open_table, file)),
             "chamber": _of(file.chamber.port, partial(open_chamber, file)),
@@ -157,6 +183,10 @@ def _take_over(order: Order, runner: int | None, silent_s: float | None) -> bool
     cause: Literal["runner_ended", "runner_silent"] = "runner_ended" if silent_s is None else "runner_silent"
     takeover = Takeover(cause, utc_now(), order.runner, silent_s)
     notes.say(takeover)
+    lease = _lease(order, clock)
+    if isinstance(lease, Exception):
+        text = f"its lease could not be taken, the bench is stopped all the same: {lease}"
+        notes.say(Alarm("bench", text, "unleased"))
     found = _Ports(order, clock, notes, str(takeover)).stop()
     for state in found.values():
         if not state.confirmed:
@@ -164,16 +194,35 @@ def _take_over(order: Order, runner: int | None, silent_s: float | None) -> bool
     ended = TakeoverEnded(all(state.confirmed for state in found.values()))
     notes.say(ended)
     notes.close()
+    if isinstance(lease, Lease):
+        lease.release()
     return ended.confirmed
+
+
+def _lease(order: Order, clock: Clock) -> Lease | Exception | None:
+    """Return the lease that the runner's end has freed, or why we have not got it; None for an inherited one."""
+    while order.take_lease is not None:
+        try:
+            return order.take_lease()
+        except BenchInUse as error:  # locks are freed a moment after their process
+            if clock.now() >= _LEASE_S:
+                return error
+            clock.sleep(_AGAIN_S)
+        except (BenchError, OSError) as error:  # whatever it is, the bench is to be stopped
+            return error
+    return None
 
 
 def _end(runner: int | None) -> None:
     """End the runner for good: it must not come to and command the table again."""
     if runner is None:
         return
+    if not SELECTS_FILES:
+        end_process(runner, _ENDED_S)
+        return
     with suppress(ProcessLookupError):
         signal.pidfd_send_signal(runner, signal.SIGKILL)
-    select.select([runner], [], [], 1.0)
+    select.select([runner], [], [], _ENDED_S)
 
 
 class _Ports:
@@ -262,6 +311,8 @@ def _words(event: Event, run: Path) -> str:
     """Return an event in words for whoever sits at the terminal, where the runner says nothing any more."""
     if isinstance(event, Takeover):
         return f"{event}: the table and the chamber are being stopped"
+    if isinstance(event, Alarm):
+        return event.text
     if isinstance(event, TakeoverEnded):
         after = "" if event.confirmed else ", go and look before anything else"
         return f"{event}{after}. What had come is kept: `gyrobench runs recover {run}` completes it"
