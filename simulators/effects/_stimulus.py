@@ -128,19 +128,30 @@ class Stimulus:
         Of every tenth sample (Visintin 1994, ch. III), interpolated: what it follows is slow.
         """
         few = values[::10]
-        followed = np.empty(len(few))
-        value = float(few[0])
-        for index, upper in enumerate((few + half_width).tolist()):
-            value = min(max(value, upper - 2.0 * half_width), upper)
-            followed[index] = value
         every = np.arange(len(values), dtype=np.float64)
-        return np.asarray(np.interp(every, every[::10], followed - few))
+        return np.asarray(np.interp(every, every[::10], play(few, half_width) - few))
 
     def _smooth(self, values: Array) -> Array:
         from scipy.ndimage import uniform_filter1d
 
         width = max(1, round(SMOOTHING_S / self.period_s))
         return np.asarray(uniform_filter1d(values, width | 1, mode="nearest"))
+
+
+def play(values: Array, half_width: float) -> Array:
+    """Return what follows `values` (n,) with a play of `half_width` to either side, (n,), from the first value.
+
+    Each sample cuts what there was to an interval about it. Two such cuts are one cut again, so that those of
+    ever more samples are put together, twice as many at a time (Hillis and Steele, Commun. ACM 29(12), 1986).
+    """
+    low, high = values - half_width, values + half_width
+    low[0] = high[0] = values[0]
+    reach = 1
+    while reach < len(values):
+        ends = [np.clip(end[:-reach], low[reach:], high[reach:]) for end in (low, high)]
+        low, high = (np.concatenate((end[:reach], cut)) for end, cut in zip((low, high), ends, strict=True))
+        reach *= 2
+    return low
 
 
 def follower(values: Array, time_constant_s: float, period_s: float, start: float) -> Array:

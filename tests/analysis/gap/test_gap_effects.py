@@ -6,9 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from drivers.base.constants import EARTH_RATE_DPH, earth_rate_north_dph, earth_rate_up_dph
 from simulators.effects import CATALOGUE, Effect, SlowRates, Stimulus, catalogue
+from simulators.effects._stimulus import play
 from tests.analysis.gap.conftest import effect, stimulus
 
 
@@ -147,3 +150,20 @@ def test_a_mode_hop_is_looked_for_at_every_temperature_of_the_runs(at_c: float) 
 
 def test_earth_rate_constant() -> None:
     assert pytest.approx(math.degrees(7.292115e-5) * 3600.0, rel=1e-7) == EARTH_RATE_DPH
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.floats(-50.0, 50.0), min_size=1, max_size=70),
+    st.floats(0.0, 20.0),
+)
+def test_a_play_follows_only_when_pushed(values: list[float], half_width: float) -> None:
+    """The definition one sample after the other (Visintin, Differential Models of Hysteresis, 1994, ch. III)."""
+    follower, expected = values[0], []
+    for value in values:
+        if value - half_width > follower:
+            follower = value - half_width
+        elif value + half_width < follower:
+            follower = value + half_width
+        expected.append(follower)
+    assert play(np.array(values), half_width).tolist() == pytest.approx(expected, abs=1e-12)
