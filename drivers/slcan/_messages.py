@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import os
+import socket
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 
 from drivers.base.clock import Clock
 from drivers.base.errors import ConfigurationError, ProtocolError
+from drivers.base.system import SELECTS_FILES
 from drivers.kit.link import Link, Opening, Tap
 from drivers.kit.python_can import can
 from drivers.kit.slcan_codec import SlcanParser
@@ -45,7 +46,13 @@ def open_can(
     """
 
     def opened() -> can.BusABC:
-        return can.Bus(interface=interface, channel=channel, bitrate=bitrate, ignore_config=True, **options)
+        try:
+            return can.Bus(
+                interface=interface, channel=channel, bitrate=bitrate, ignore_config=True, **options
+            )
+        except (AttributeError, ImportError, NameError) as error:  # what some lead to without their library
+            text = f"the library of interface {interface!r} is not here ({error})"
+            raise can.CanInterfaceNotImplementedError(text) from error
 
     try:
         if interface == INTERFACE:
@@ -58,7 +65,8 @@ def open_can(
             where=f"{name} ({interface}, {channel})",
             found=str(error),
             expected=f"{INTERFACE}, or another interface that python-can knows, and its channel",
-            remedy="check interface, channel and options in the bench file, and that the adapter is plugged in",
+            remedy="check interface, channel and options in the bench file, that the adapter is plugged in, and "
+            "that its maker's library is installed",
         ) from error
     return bus, MessageLink(bus, clock, name=name, tap=tap, opener=opened)
 
@@ -67,7 +75,8 @@ class MessageLink(Link):
     """A `Link` over a python-can bus, so that recording and decoding know one format only.
 
     What it reads are the received messages as slcan lines; slcan lines written to it are sent as messages. A bus
-    that has no descriptor to select on (python-can's virtual bus) is read by a thread into a pipe. Error frames
+    that has no descriptor to select on (python-can's virtual bus) is read by a thread into a pair of sockets, as
+    is every bus where only sockets can be waited for (Windows, untried). Error frames
     and CAN FD messages, for which slcan has no lines, are counted in `left_out`. The link owns the bus: `close`
     shuts it down. `opener` makes the bus anew after it was lost.
     """
@@ -94,7 +103,7 @@ class MessageLink(Link):
         self._closed = False
         self._opener = opener
         self._opening = None
-        self._reader: _PipeReader | None = None
+        self._reader: _Reader | None = None
         self._take_bus(bus)
         clock.attach(self)
 
@@ -156,8 +165,8 @@ class MessageLink(Link):
         self._fd = _descriptor(bus)
         self._reader = None
         if self._fd < 0:
-            self._reader = _PipeReader(self._take_lines)
-            self._fd = self._reader.descriptor
+            self._reader = _Reader(self._take_lines)
+            self._fd = self._reader.fileno()
 
     def _let_go(self) -> None:
         """Shut the bus down, once; one that is gone may complain."""
@@ -186,28 +195,34 @@ class MessageLink(Link):
 
 def _descriptor(bus: can.BusABC) -> int:
     """Return the descriptor that tells when the bus has something, -1 for a bus without one."""
+    if not SELECTS_FILES:  # what it has need not be a socket
+        return -1
     try:
         return int(bus.fileno())
     except (NotImplementedError, can.CanError):
         return -1
 
 
-class _PipeReader:
-    """A thread that moves the lines of a bus into a pipe, whose reading end can be selected on."""
+class _Reader:
+    """A thread that moves the lines of a bus into a pair of sockets, whose near end can be selected on."""
 
     def __init__(self, take_lines: Callable[[float], bytes]) -> None:
         self._take_lines = take_lines
         self._stopping = threading.Event()
         self._failure: Exception | None = None
-        self.descriptor, self._write_end = os.pipe()
-        os.set_blocking(self.descriptor, False)
+        self._near, self._far = socket.socketpair()
+        self._near.setblocking(False)
         self._thread = threading.Thread(target=self._run, name="CAN reader", daemon=True)
         self._thread.start()
+
+    def fileno(self) -> int:
+        """Return the descriptor to select on."""
+        return self._near.fileno()
 
     def read(self) -> bytes:
         """Return what the thread has moved so far; OSError when it has ended."""
         try:
-            data = os.read(self.descriptor, 65536)
+            data = self._near.recv(65536)
         except BlockingIOError:
             return b""
         if not data:
@@ -215,10 +230,10 @@ class _PipeReader:
         return data
 
     def close(self) -> None:
-        """Stop the thread: the closed pipe ends a write that waits, the event ends the loop."""
+        """Stop the thread: the closed socket ends a write that waits, the event ends the loop."""
         if not self._stopping.is_set():
             self._stopping.set()
-            os.close(self.descriptor)
+            self._near.close()
             self._thread.join()
 
     def _run(self) -> None:
@@ -226,10 +241,10 @@ class _PipeReader:
             while not self._stopping.is_set():
                 lines = self._take_lines(_POLL_S)
                 if lines:
-                    os.write(self._write_end, lines)
-        except BrokenPipeError:
+                    self._far.sendall(lines)
+        except ConnectionError:
             pass
         except Exception as error:  # whatever a bus raises ends the stream; `read` says so
             self._failure = error
         finally:
-            os.close(self._write_end)
+            self._far.close()

@@ -279,17 +279,37 @@ def test_a_virtual_bus_as_a_link(clock: WallClock) -> None:
 
 
 def test_many_messages_through_the_thread_in_order(clock: WallClock) -> None:
-    """More than a pipe holds: the reading thread waits for room, and nothing is lost."""
+    """More than a pair of sockets holds: the reading thread waits for room, and nothing is lost."""
     _, link = open_can("virtual", "full", 500_000, clock, "gyro")
     other = can.Bus(interface="virtual", channel="full")
-    for number in range(5000):
+    for number in range(20_000):
         other.send(can.Message(arbitration_id=number, data=bytes(8)))
-    text = link.read_exactly(5000 * 27, 20.0)
-    assert text == b"".join(b"T%08X8%016d\r" % (number, 0) for number in range(5000))
-    for number in range(5000):
+    text = link.read_exactly(20_000 * 27, 20.0)
+    assert text == b"".join(b"T%08X8%016d\r" % (number, 0) for number in range(20_000))
+    for number in range(20_000):
         other.send(can.Message(arbitration_id=number, data=bytes(8)))
-    link.close()  # with the pipe full and the thread waiting
+    link.close()  # with the sockets full and the thread waiting
     other.shutdown()
+
+
+@pytest.mark.parametrize(
+    "error", [NameError("no canOpen"), ImportError("no ics"), AttributeError("no windll")]
+)
+def test_an_interface_whose_library_is_missing_is_refused_in_words(
+    clock: WallClock, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    """Kvaser's raises the first without its library, neoVI's the second."""
+
+    def bus(**_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(can, "Bus", bus)
+    with pytest.raises(ConfigurationError, match="the CAN bus cannot be opened") as refused:
+        open_can("kvaser", "0", 500_000, clock, "fog_1")
+    said = refused.value
+    assert said.where == "fog_1 (kvaser, 0)"
+    assert said.found == f"the library of interface 'kvaser' is not here ({error})"
+    assert said.expected and "its maker's library" in said.remedy
 
 
 class SocketBus(can.BusABC):

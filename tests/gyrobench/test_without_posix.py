@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import gyrobench
 from bench.analysis.gap._case_folder import write_case
 from bench.analysis.gap._exam import make_case, nominal_model
 from bench.analysis.gap._model_file import model_text
+from simulators.plant.space_stable import SpaceStablePlatform, draw_platform
 from tests.gyrobench.hidden_posix import HIDDEN, LOCKING, PAIRS, PROCESSES, said
 
 ROOT = Path(__file__).parents[2]
@@ -62,6 +64,33 @@ found = gyrobench.diagnose(["case/runs.toml"], "nominal.toml")
 print(found)
 print([(cause.effect, cause.values) for channel in found.channels for cause in getattr(channel, "causes", ())])
 """
+FIT = """
+import gyrobench
+[study] = gyrobench.fit_stepwise(["ramps/up"], ["ramps/down"]).values()
+print(study, study.chosen.result.steps[-1], [row.after_dph for row in study.chosen.judged])
+study = gyrobench.fit_heading_effect("heading.csv", latitude_deg=0.0, longitude_deg=100.0)
+print(study, study.model.tau_s, study.nine)
+"""
+RING_LASER = """
+[bench]
+name = "ring laser"
+latitude_deg = 39.1
+[table]
+driver = "acutrol3000"
+port = "/dev/ttyUSB0"
+[chamber]
+driver = "weiss"
+port = "/dev/ttyUSB9"
+[[gyro]]
+name = "rlg_1"
+driver = "rlg2t"
+port = "/dev/ttyUSB1"
+baudrate = 115200
+rate_hz = 2
+axes = "x"
+axis = "x"
+unit = "RLG-001"
+"""
 REHEARSE = """
 import sys
 import gyrobench
@@ -91,6 +120,28 @@ known[0].append(process_runs(child.pid))
 known[1].append(_runs(child.pid, 0))
 print(*known)
 """
+LACKED = """
+import logging
+logging.disable()
+from drivers.base.clock import WallClock
+from drivers.base.errors import ConfigurationError
+from drivers.slcan import open_can
+
+clock = WallClock()
+for interface in sorted(can.VALID_INTERFACES - {"virtual", "gyrobench_slcan"}):
+    try:
+        open_can(interface, "0", 500_000, clock, "fog_1")
+    except ConfigurationError as error:
+        print(f"{interface}: {error}")
+_, link = open_can("virtual", "bench", 500_000, clock, "fog_1")
+other = can.Bus(interface="virtual", channel="bench")
+other.send(can.Message(arbitration_id=0x11, data=bytes.fromhex("1122334455667788")))
+print(link.read_exactly(27, 20.0), end=" ")
+for number in range(60_000):  # more than the sockets hold: closing does not wait for who reads
+    other.send(can.Message(arbitration_id=number, data=bytes(8)))
+link.close()
+print("left")
+"""
 HELD = """
 import sys
 from bench.control.lease import lease_holder, take_lease
@@ -105,6 +156,16 @@ print(lease_holder(bench))
 with take_lease(bench, "three") as lease:
     print(lease.stale)
 """
+
+
+def test_a_can_interface_that_the_machine_lacks_is_refused_in_words(tmp_path: Path) -> None:
+    lines = said(HIDDEN + PAIRS + LACKED, tmp_path).splitlines()
+    refused = dict(line.split(": ", 1) for line in lines[:-1])
+    assert {"kvaser", "neovi", "pcan", "vector", "ixxat", "nixnet", "socketcan"} <= set(refused)
+    for interface, text in refused.items():
+        assert text.startswith(f"fog_1 ({interface}, 0): the CAN bus cannot be opened. Found: "), text
+        assert "Expected: " in text and "Remedy: " in text
+    assert lines[-1] == "b'T0000001181122334455667788\\r' left"
 
 
 def test_a_process_is_known_to_run_without_asking_it(tmp_path: Path) -> None:
@@ -141,6 +202,34 @@ def test_a_look_has_the_same_figures(tmp_path: Path) -> None:
     rows = [f"{0.01 * k:.2f},{0.001 * ((7919 * k) % 101 - 50):.6f}" for k in range(2000)]
     (tmp_path / "log.csv").write_text("time_s,gyro_x_dps\n" + "\n".join(rows) + "\n")
     assert said(HIDDEN + LOOK, tmp_path) == said(LOOK, tmp_path) != "[]\n"
+
+
+def write_heading_log(path: Path) -> None:
+    """Six stays of 48 h at the equator, after ten days at heading 0."""
+    platform = SpaceStablePlatform(draw_platform(11, latitude_deg=0.0), 1, 300.0)
+    platform.advance(np.zeros(240 * 12))
+    platform.align()
+    flown = platform.advance(np.repeat(60.0 * np.arange(6), 48 * 12))
+    position = (flown.north_as / 3600.0, 100.0 + flown.east_as / 3600.0)
+    rows = np.column_stack((flown.time_s, *position, flown.temp_c, flown.heading_deg))
+    names = "time_s,latitude_deg,longitude_deg,temp_c,heading_deg"
+    np.savetxt(path, rows, "%.12g", ",", header=names, comments="")
+
+
+@pytest.mark.slow
+def test_fits_have_the_same_figures(tmp_path: Path) -> None:
+    (tmp_path / "bench.toml").write_text(RING_LASER)
+    profile = {"low_c": 15, "high_c": 45, "ramp_k_per_min": 1.5, "dwell_min": 8, "warm_up_min": 0}
+    for seed, name in enumerate(("up", "down")):
+        ramp = gyrobench.rehearse(
+            "thermal-ramp", tmp_path / "bench.toml", tmp_path, seed=seed, **profile, downwards=name == "down"
+        )
+        (tmp_path / "ramps").mkdir(exist_ok=True)
+        ramp.folder.rename(tmp_path / "ramps" / name)
+    write_heading_log(tmp_path / "heading.csv")
+    figures = said(FIT, tmp_path)
+    assert said(HIDDEN + FIT, tmp_path) == figures
+    assert "RLG-001" in figures and "NineCoefficients(" in figures
 
 
 @pytest.mark.slow
