@@ -27,7 +27,7 @@ from drivers.frames._read import FieldCodec
 from drivers.frames._settings import choices_of
 from drivers.kit.slcan_codec import SlcanParser
 from drivers.kvh import encode_frames
-from tests.drivers.test_can_dbc_decoder import PAGED, TEST_DBC, sample
+from tests.drivers.test_can_dbc_decoder import PAGED, TEST_DBC, line, sample
 from tests.drivers.test_kvh_driver import connected
 from tests.memory_link import Fake, OpenConnection
 
@@ -262,6 +262,26 @@ def test_what_has_come_between_two_messages_parts_them(paged, at, chunks):
     parts = lines if chunks else [b"".join(lines)]
     counts = [count for part in parts for count in decoder.feed(part).columns["counter"].tolist()]
     assert counts == {1: [2], 3: [1]}.get(at, [1, 2])
+
+
+@pytest.mark.parametrize("cut", range(1, 5))
+def test_messages_that_are_not_the_head_of_a_sample_are_let_go_once(tmp_path, cut):
+    """Of three messages the second is lost: the third is alone, wherever the bytes were cut."""
+    more = ' SG_ Z m2 : 23|24@0- (0.001,0) [0|0] "deg/h" A\nBO_ 17'
+    (tmp_path / "unit.dbc").write_text(TEST_DBC.replace("BO_ 17", more, 1), encoding="utf-8")
+    mapping = PAGED | {
+        "sample": ["PAGED[0]", "PAGED[1]", "PAGED[2]"],
+        "signal": [*PAGED["signal"][:3], {"role": "rate", "axis": "z", "message": "PAGED", "signal": "Z"}],
+        "valid": [],
+    }
+    decoder = CanDecoder(layout_from_mapping(mapping, tmp_path, "map.toml", "paged"), 100.0, "xyz", None)
+    first, second = (part + b"\r" for part in sample(3, 0.5, 100).split(b"\r")[:-1])
+    third = line(16, b"\2\0" + (700).to_bytes(3, "big") + b"\0\0\0")
+    lines = [first, third, first, second, third]
+    counts = []
+    for part in (b"".join(lines[:cut]), b"".join(lines[cut:])):
+        counts += decoder.feed(part).columns["counter"].tolist()
+    assert counts == [3] and decoder.counts.rejected == {"unpaired": 1}
 
 
 @pytest.mark.parametrize("order", [1, -1])

@@ -82,7 +82,7 @@ def test_the_tail_of_eight_degrees_of_freedom_is_a_sum_of_four_terms(energy):
 
 
 @pytest.mark.parametrize("order", [None, 1.0, 2.0])
-@pytest.mark.parametrize("period_s", [1.0, 5.0])
+@pytest.mark.parametrize("period_s", [1.0, 5.0, 60.0])
 def test_the_spectrum_of_correlated_noise_is_the_sum_of_its_covariances(order, period_s):
     """Of variance one; a Markov process of the first order where no order is given, two in line for the second.
 
