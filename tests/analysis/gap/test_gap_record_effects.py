@@ -209,6 +209,35 @@ def test_one_sample_in_hours_is_no_process(nominal: Model) -> None:
     assert "impulses" not in without_disturbances(once, nominal).probabilities
 
 
+def test_small_impulses_are_told_where_chance_has_none_so_many_and_a_few_are_not(nominal: Model) -> None:
+    """Of 8 standard deviations, 6.5 of the difference to the neighbours' mean: 8 in 40,000 samples, or 2."""
+
+    def named(count: int) -> bool:
+        rng = np.random.default_rng(count)
+        runs = []
+        for name in "abcdefgh":
+            s = stimulus(5000, cold=False)
+            run = made_run(name, s, rng)
+            kicks = np.zeros(len(s))
+            if len(runs) < count:
+                kicks[int(rng.integers(100, 4900))] = 8.0 * float(np.std(np.diff(run.output_dph))) / 2.0**0.5
+            runs.append(replace(run, output_dph=run.output_dph + kicks))
+        return "impulses" in without_disturbances(runs, nominal).probabilities
+
+    assert named(8) and not named(2)
+
+
+def test_noise_with_somewhat_heavier_tails_has_no_impulses(nominal: Model) -> None:
+    """Student's t with 12 degrees of freedom: some hundred times as often beyond five standard deviations."""
+    rng = np.random.default_rng(2)
+    runs = []
+    for name in "abcdefgh":
+        run = made_run(name, stimulus(5000, cold=False), rng)
+        heavy = rng.standard_t(12, 5000) / rng.standard_normal(5000).std() * float(np.std(run.output_dph))
+        runs.append(replace(run, output_dph=run.output_dph.mean() + heavy))
+    assert "impulses" not in without_disturbances(runs, nominal).probabilities
+
+
 def test_impulses_are_counted_measured_and_left_out(nominal: Model) -> None:
     rng = np.random.default_rng(7)
     runs = [
