@@ -83,7 +83,10 @@ def _end_with_parent() -> None:
 
     def watch() -> None:
         parent.join()
-        os.kill(os.getpid(), signal.SIGTERM)
+        if hasattr(os, "killpg"):
+            os.kill(os.getpid(), signal.SIGTERM)
+        else:
+            signal.raise_signal(signal.SIGTERM)  # on Windows the former ends this process at once
 
     threading.Thread(target=watch, name="parent", daemon=True).start()
 

@@ -7,6 +7,7 @@ port stays open that another program could find. Untried on Windows itself; the 
 from __future__ import annotations
 
 import os
+import signal
 import socket
 import subprocess
 import threading
@@ -16,8 +17,10 @@ from functools import partial
 from typing import IO, Any
 
 from drivers.base.system import SELECTS_FILES
+from drivers.base.windows import end_process, hold_process
 
 _BLOCK = 65536
+_END_S = 5.0
 
 
 def of_its_own(descriptors: Sequence[int] = ()) -> dict[str, Any]:
@@ -29,6 +32,17 @@ def of_its_own(descriptors: Sequence[int] = ()) -> dict[str, Any]:
         return {"start_new_session": True, "pass_fds": descriptors}
     flags = (getattr(subprocess, name, 0) for name in ("CREATE_NEW_PROCESS_GROUP", "CREATE_NO_WINDOW"))
     return {"creationflags": sum(flags)}
+
+
+def end_of_its_own(pid: int) -> None:
+    """End such a process and, on POSIX, all that it has started; ProcessLookupError if there is none.
+
+    On Windows those that it has started end by themselves when it is no more.
+    """
+    if hasattr(os, "killpg"):
+        os.killpg(pid, signal.SIGKILL)
+    else:
+        end_process(hold_process(pid), _END_S)
 
 
 def pumped_in(file: IO[bytes]) -> socket.socket:

@@ -11,6 +11,7 @@ from typing import Any
 
 SELECTS_FILES = hasattr(select, "poll")
 """Whether any descriptor can be waited for; Windows waits for sockets only."""
+_LOWEST_PRIORITY = 19
 READABLE, WRITABLE = 1, 4
 """POLLIN and POLLOUT of `select.poll`, where there is one and where there is none."""
 
@@ -48,6 +49,13 @@ def sync_folder(folder: Path) -> None:
 def processors() -> int:
     """Return how many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def give_way(pid: int = 0, *, group: bool = False) -> None:
+    """Give a process, this one for 0, or its process group the lowest priority, where the system knows how."""
+    if hasattr(os, "setpriority"):
+        with suppress(OSError):  # it has ended already
+            os.setpriority(os.PRIO_PGRP if group else os.PRIO_PROCESS, pid, _LOWEST_PRIORITY)
 
 
 class _SelectPoll:

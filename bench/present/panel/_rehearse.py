@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
-import signal
 import sys
 import tempfile
 from contextlib import suppress
@@ -17,10 +15,11 @@ from bench.present.panel._desk import chamber_words
 from bench.present.panel._texts import duration
 from drivers.base.errors import BenchError
 from drivers.base.files import parse_json
+from drivers.base.pipes import end_of_its_own, of_its_own
+from drivers.base.system import give_way
 
 _TIMEOUT_S = 600.0
 _KEPT = 50
-_LOWEST_PRIORITY = 19
 
 
 class Rehearsals:
@@ -53,17 +52,16 @@ class Rehearsals:
                 stdin=asyncio.subprocess.DEVNULL,
                 stdout=asyncio.subprocess.PIPE,
                 stderr=asyncio.subprocess.PIPE,
-                start_new_session=True,
+                **of_its_own(),
             )
-            with suppress(OSError):  # it has ended already
-                os.setpriority(os.PRIO_PGRP, process.pid, _LOWEST_PRIORITY)
+            give_way(process.pid, group=True)
             try:
                 output, errors = await asyncio.wait_for(process.communicate(), _TIMEOUT_S)
             except TimeoutError:
                 raise BenchError("the rehearsal takes too long", found=f"{_TIMEOUT_S:g} s") from None
             finally:
-                with suppress(ProcessLookupError):  # its lab with it
-                    os.killpg(process.pid, signal.SIGKILL)
+                with suppress(ProcessLookupError):
+                    end_of_its_own(process.pid)
         rows = [parse_json(line) for line in output.splitlines()]
         result = next((row for row in rows if row["kind"] == "result"), None)
         if result is None:

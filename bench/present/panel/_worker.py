@@ -7,7 +7,6 @@ It ends when nobody can ask any more.
 from __future__ import annotations
 
 import json
-import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -18,8 +17,7 @@ from bench.present.panel._run_curves import run_curves
 from bench.present.panel._run_expected import run_expected
 from bench.present.panel._run_figures import run_figures
 from drivers.base.errors import BenchError
-
-_LOWEST_PRIORITY = 19
+from drivers.base.system import give_way
 
 
 def _curves(asked: dict[str, Any]) -> dict[str, Any]:
@@ -60,7 +58,7 @@ def answer(line: str) -> str:
 
 def main() -> None:
     """Answer until the other end closes."""
-    os.setpriority(os.PRIO_PROCESS, 0, _LOWEST_PRIORITY)
+    give_way()
     for line in sys.stdin:
         sys.stdout.write(answer(line) + "\n")
         sys.stdout.flush()
