@@ -262,7 +262,9 @@ def test_variances_of_one_record_scatter_as_the_covariance_says(ramp: float) -> 
     assert covariance[2, 3] == pytest.approx(np.cov(seen.T)[2, 3], rel=0.2)
     squares = np.array([1e-12, walk**2, 0.01, 0.02, ramp**2])
     for weights in (np.array([1.0, -0.5, 0.3, 0.1]), np.array([0.0, 0.0, -1.0, 2.0])):
-        whole = weights @ scatter.covariance(squares) @ weights
         for index in range(5):
             a, b, q = scatter.variance_of(weights, squares, index)
-            assert a + b * squares[index] + q * squares[index] ** 2 == pytest.approx(whole, rel=1e-3)
+            for x in (squares[index], 0.0, 3.0):
+                other = np.where(np.arange(5) == index, x, squares)
+                whole = weights @ scatter.covariance(other) @ weights
+                assert a + b * x + q * x**2 == pytest.approx(whole, rel=1e-3)
