@@ -75,9 +75,9 @@ reliability: $(STAMP)
 	$(BIN)/python -m benchmarks.soak 200 1
 	$(BIN)/python -m benchmarks.abort_latency 25
 
-# What share of random changes to the code the related tests catch: SAMPLE mutants (200) in each room, or in ROOM.
+# What share of random changes to the code the related tests catch: SAMPLE mutants (200) in each room, or in ROOM; DRAW=2: others.
 mutants: $(STAMP)
-	$(BIN)/python -m benchmarks.mutants $(SAMPLE) $(ROOM)
+	$(BIN)/python -m benchmarks.mutants $(or $(SAMPLE),200) $(ROOM) --draw $(or $(DRAW),1)
 
 # Every benchmark against its peer and limit, written to benchmarks/RESULTS.md; QUICK=--quick is less precise.
 bench: $(STAMP)

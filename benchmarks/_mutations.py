@@ -15,7 +15,6 @@ from benchmarks._mutant_rooms import ROOMS, Part
 from benchmarks._trial import ROOT
 
 KEPT = ROOT / "build" / "mutants"
-_SEED = 1
 _Row = tuple[str, int, str, int]
 """Function, line, operator, occurrence."""
 
@@ -37,7 +36,7 @@ class Mutant:
         return f"{self.file}:{self.line} {self.operator} {self.occurrence}"
 
 
-def drawn(room: str, count: int) -> list[Mutant]:
+def drawn(room: str, count: int, draw: int = 1) -> list[Mutant]:
     """Return so many mutants of a room, of different places.
 
     A place's rank is a hash of what stands there: a change of one source draws no other places in the rest.
@@ -51,7 +50,7 @@ def drawn(room: str, count: int) -> list[Mutant]:
             for path in paths:
                 parts.setdefault(str(path.relative_to(ROOT)), part)
     ranked = sorted(
-        (hashlib.sha256(f"{_SEED} {file} {name}".encode()).hexdigest(), file, rows)
+        (hashlib.sha256(f"{draw} {file} {name}".encode()).hexdigest(), file, rows)
         for file in sorted(parts)
         for name, rows in _places(file).items()
     )

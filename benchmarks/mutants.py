@@ -1,11 +1,11 @@
 """What share of small changes to the code do the related tests notice? A random sample of mutants by room.
 
-Run as `python -m benchmarks.mutants [SAMPLE] [ROOM ...] [--write]`: so many mutants a room (200), all rooms or
-those named. The operators are cosmic-ray's: numbers, comparisons, arithmetic, conditions, loops, exceptions. A
-place is drawn first and one of its mutants then, so that an addition with eleven of them counts as a condition
+Run as `python -m benchmarks.mutants [SAMPLE] [ROOM ...] [--draw N] [--write]`: so many mutants a room (200), all
+rooms or those named. The operators are cosmic-ray's: numbers, comparisons, arithmetic, conditions, loops,
+exceptions. A place is drawn first and one of its mutants then, so that an addition with eleven of them counts as a condition
 with one. Annotations and decorators are left out: nothing evaluates the ones, and what the others do
 (`frozen=True`) is no behaviour. The draw is the same for the same sources, and a larger sample holds the
-smaller one.
+smaller one. `--draw 2` draws others: tests written for the survivors of one draw are judged by another.
 
 Each mutant is put into a copy of the tree, where the tests run that ran the mutated statement when nothing was
 changed, quickest first, then the others of their files where they share a fixture. They run in a process that has
@@ -22,6 +22,7 @@ processes: what they would catch counts as survived.
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 import tempfile
@@ -214,12 +215,12 @@ def _equivalent() -> dict[tuple[str, str, str], str]:
     return {(row["file"], row["function"], row["change"]): row["reason"] for row in rows}
 
 
-def _try(room: str, count: int, trials: Trials, *, blind: bool) -> None:
+def _try(room: str, mutants: Sequence[Mutant], trials: Trials, *, blind: bool) -> None:
     """Try the room's mutants; those known already are not run again.
 
     Tests that run the sources in another process, `blind`, are asked last, of what all others have let pass.
     """
-    kept, mutants, equivalent = Kept(room), drawn(room, count), _equivalent()
+    kept, equivalent = Kept(room), _equivalent()
     for number, mutant in enumerate(mutants, 1):
         same = (mutant.file, mutant.function, change(mutant)) in equivalent
         if test := kept.once(mutant):
@@ -244,11 +245,11 @@ def _try(room: str, count: int, trials: Trials, *, blind: bool) -> None:
     trials.close()
 
 
-def _known(room: str, count: int) -> list[tuple[Mutant, dict[str, Any]]]:
+def _known(room: str, mutants: Sequence[Mutant]) -> list[tuple[Mutant, dict[str, Any]]]:
     """Return those of the room's mutants that were tried, with what became of each."""
     kept, equivalent = Kept(room), _equivalent()
     results: list[tuple[Mutant, dict[str, Any]]] = []
-    for mutant in drawn(room, count):
+    for mutant in mutants:
         same = (mutant.file, mutant.function, change(mutant)) in equivalent
         row = {"outcome": _SAME, "change": change(mutant)} if same else kept.row(mutant)
         results += [] if row is None else [(mutant, row)]
@@ -284,27 +285,41 @@ def _share(results: Sequence[tuple[Mutant, dict[str, Any]]]) -> float:
     return float(sum(outcome != _SURVIVED for outcome in tried) / max(len(tried), 1))
 
 
+def _room(name: str) -> str:
+    if name not in ROOMS:
+        raise argparse.ArgumentTypeError(f"no such room: {name}. There are {', '.join(ROOMS)}.")
+    return name
+
+
+def _asked() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.mutants")
+    parser.add_argument("sample", nargs="?", type=int, default=_SAMPLE)
+    parser.add_argument("rooms", nargs="*", type=_room, metavar="ROOM", help=", ".join(ROOMS))
+    parser.add_argument("--draw", type=int, default=1)
+    for name in ("--write", "--kept", "--near"):
+        parser.add_argument(name, action="store_true")
+    return parser.parse_args()
+
+
 def main() -> int:
     """Try the mutants; 1 if a room's tests catch less than 85 %."""
-    words = [word for word in sys.argv[1:] if word not in ("--write", "--kept", "--near")]
-    count = int(words.pop(0)) if words and words[0].isdigit() else _SAMPLE
-    if unknown := set(words) - set(ROOMS):
-        raise SystemExit(f"no such room: {', '.join(sorted(unknown))}. There are {', '.join(ROOMS)}.")
-    rooms = words or [*ROOMS]
-    if "--kept" not in sys.argv:
+    asked = _asked()
+    rooms = asked.rooms or [*ROOMS]
+    samples = {room: drawn(room, asked.sample, asked.draw) for room in rooms}
+    if not asked.kept:
         with tempfile.TemporaryDirectory() as folder:
             trials = Trials(Path(folder))
-            for blind in (False,) if "--near" in sys.argv else (False, True):
-                for room in rooms:
-                    _try(room, count, trials, blind=blind)
+            for blind in (False,) if asked.near else (False, True):
+                for room, mutants in samples.items():
+                    _try(room, mutants, trials, blind=blind)
     lines, shares = [], []
-    for room in rooms:
-        results = _known(room, count)
+    for room, mutants in samples.items():
+        results = _known(room, mutants)
         lines += _lines(room, results)
         shares.append(_share(results))
     print("\n".join(["", *lines]))
-    if "--write" in sys.argv:
-        write_section("Mutants", f"python -m benchmarks.mutants {count}", lines)
+    if asked.write:
+        write_section("Mutants", f"python -m benchmarks.mutants {asked.sample} --draw {asked.draw}", lines)
     return 0 if min(shares) >= _GOAL else 1
 
 

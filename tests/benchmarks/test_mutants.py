@@ -84,6 +84,9 @@ def test_a_larger_sample_holds_the_smaller_one_and_a_change_elsewhere_draws_noth
     few, many = drawn("safe", 3), drawn("safe", 100)
     assert many[:3] == few and len(many) > 5
     assert len({mutated(each) for each in many}) == len(many)
+    assert drawn("safe", 3, 2) != few and {each.key for each in drawn("safe", 3, 2)} - {
+        each.key for each in few
+    }
     changes = {_mutations.change(each) for each in many}
     (tmp_path / "m.py").write_text("A_LINE = 7\n" + SOURCE)
     assert changes < {_mutations.change(each) for each in drawn("safe", 100)}
