@@ -1,23 +1,23 @@
 """What share of small changes to the code do the related tests notice? A random sample of mutants by room.
 
-Run as `python -m benchmarks.mutants [SAMPLE] [ROOM ...] [--draw N] [--write]`: so many mutants a room (200), all
-rooms or those named. The operators are cosmic-ray's: numbers, comparisons, arithmetic, conditions, loops,
-exceptions. A place is drawn first and one of its mutants then, so that an addition with eleven of them counts as a condition
-with one. Annotations and decorators are left out: nothing evaluates the ones, and what the others do
-(`frozen=True`) is no behaviour. The draw is the same for the same sources, and a larger sample holds the
-smaller one. `--draw 2` draws others: tests written for the survivors of one draw are judged by another.
+Run as `python -m benchmarks.mutants [SAMPLE] [ROOM ...] [--draw N] [--write]`: so many mutants a room (200),
+all rooms or those named. The operators are cosmic-ray's: numbers, comparisons, arithmetic, conditions, loops,
+exceptions. A place is drawn first and one of its mutants then, so that an addition with eleven of them counts
+as a condition with one. Annotations and decorators are left out: nothing evaluates the ones, and what the
+others do (`frozen=True`) is no behaviour. The draw is the same for the same sources, and a larger sample holds
+the smaller one. `--draw 2` draws others: tests written for the survivors of one draw are judged by another.
 
 Each mutant is put into a copy of the tree, where the tests run that ran the mutated statement when nothing was
-changed, quickest first, then the others of their files where they share a fixture. They run in a process that has
-collected them, with the new code given to the function (benchmarks/_warm.py); where the statement is executed at
-import, all is imported anew and all tests run. Last, of what survives, come tests that ran nothing of the part:
-they run it in another process. A mutant is caught if a test fails, or if the tests take several times the
-processor time that they take without it. A test must fail twice: a busy machine fails one now and then. Results
-are kept by room in build/mutants: what is broken off goes on; a caught mutant stays caught while its file is the
-same; a survivor is asked the tests that have changed. Those that no input can show stand in
+changed, quickest first, then the others of their files where they share a fixture. They run in a process that
+has collected them, with the new code given to the function (benchmarks/_warm.py); where the statement is
+executed at import, all is imported anew and all tests run. Last, of what survives, come tests that ran nothing
+of the part: they run it in another process. A mutant is caught if a test fails, or if the tests take several
+times the processor time that they take without it. A test must fail twice: a busy machine fails one now and
+then. Results are kept by room in build/mutants: what is broken off goes on; a caught mutant stays caught while
+its file is the same; a survivor is asked the tests that have changed. Those that no input can show stand in
 equivalent_mutants.toml, with the reason, and do not count. `--write` puts the table into
-benchmarks/reliability.md; `--kept` tries nothing and tells what is known; `--near` leaves out the tests in other
-processes: what they would catch counts as survived.
+benchmarks/reliability.md; `--kept` tries nothing and tells what is known; `--near` leaves out the tests in
+other processes: what they would catch counts as survived.
 """
 
 from __future__ import annotations
