@@ -39,6 +39,11 @@ _REPORT_TIMEOUT_S = 300.0
 _WORK_S = 1.0
 _UNWATCHED_TICKS = 10
 """Ticks from one reading of what the panel chooses to the next while nobody looks at it."""
+_LOST_S = 30.0
+"""A page is given up after that, and counts as cut off after 0.4 of it without a sign of life.
+
+With NiceGUI's own 3 s, a page that a busy machine held up for 4 s was loaded anew, and what was typed was gone.
+"""
 _SIGNED_OUT = 4401
 _WAITING = 8
 """Ticks a slow browser may be behind before it is given everything anew."""
@@ -102,6 +107,7 @@ def serve(settings: PanelSettings) -> None:
             binding_refresh_interval=None,
             show_welcome_message=False,
             message_history_length=100,
+            reconnect_timeout=_LOST_S,
             http=Visitor,
             **SERVER_LIMITS,
             **(tls(settings.certificate, settings.key) if settings.certificate is not None else {}),
