@@ -72,6 +72,7 @@ reliability: $(STAMP)
 	$(BIN)/python -m benchmarks.guards
 	$(BIN)/python -m benchmarks.reliability 300 1
 	$(BIN)/python -m benchmarks.command_kills 120 1
+	$(BIN)/python -m benchmarks.tamper 1000 1
 	$(BIN)/python -m benchmarks.soak 200 1
 	$(BIN)/python -m benchmarks.abort_latency 25
 

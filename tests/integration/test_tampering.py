@@ -115,12 +115,30 @@ def test_dropped_events_are_found(copy, lines):
     assert "events.jsonl" in problems(copy)
 
 
+def test_a_truth_that_is_changed_taken_away_or_added_is_found(copy):
+    path = copy / "truth_fog_1.npz"
+    content = path.read_bytes()
+    path.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
+    assert problems(copy).keys() == {path.name}
+    path.unlink()
+    assert problems(copy) == {path.name: "missing"}
+    path.write_bytes(content)
+    (copy / "truth_fog_2.npz").write_bytes(content)
+    assert problems(copy) == {"truth_fog_2.npz": "not in the manifest"}
+
+
+def test_what_is_put_beside_the_watchdogs_notes_is_found(copy):
+    (copy / "watchdog").mkdir()
+    (copy / "watchdog" / "events.jsonl").write_bytes(b"")
+    assert problems(copy) == {"watchdog/events.jsonl": "not in the manifest"}
+
+
 def test_a_run_of_before_the_seal_is_read_and_said_to_have_none(copy):
     path = copy / "events.jsonl"
     path.write_bytes(path.read_bytes().replace(b', "sealed": true', b""))
 
     def older(data):
-        del data["seal"], data["written"]
+        del data["seal"], data["written"], data["files"]["truth_fog_1.npz"]
         content = path.read_bytes()
         data["files"]["events.jsonl"] = {"sha256": hashlib.sha256(content).hexdigest(), "bytes": len(content)}
 

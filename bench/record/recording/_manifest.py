@@ -258,12 +258,24 @@ def _mistakes(error: ValueError) -> str:
     return f"{'.'.join(map(str, first['loc']))}: {first['msg']} ({error.error_count()} in all)"
 
 
+def own_files(folder: Path) -> list[Path]:
+    """Return what a run consists of, sorted: events, raw, tables, watchdog, pictures, procedure, truth.
+
+    All of it is sealed. Notes are not, which people add later.
+    """
+    paths = [
+        folder / EVENTS_FILE,
+        folder / PROCEDURE_FILE,
+        *folder.glob("*.parquet"),
+        *folder.glob("truth_*"),
+    ]
+    paths += [path for name in ("raw", PICTURES_FOLDER) for path in (folder / name).glob("*")]
+    return sorted(path for path in [*paths, *(folder / "watchdog").rglob("*")] if path.is_file())
+
+
 def checksums(folder: Path) -> dict[str, FileEntry]:
-    """Return the checksums of the run's own files by path: events, raw, tables, watchdog, pictures, procedure."""
-    paths = [folder / EVENTS_FILE, *(folder / "raw").glob("*"), *folder.glob("*.parquet")]
-    paths += [*(folder / "watchdog").rglob("*"), folder / PROCEDURE_FILE]
-    paths += (folder / PICTURES_FOLDER).glob("*")
-    return {path.relative_to(folder).as_posix(): checksum(path) for path in sorted(paths) if path.is_file()}
+    """Return the checksums of the run's own files by their paths in it."""
+    return {path.relative_to(folder).as_posix(): checksum(path) for path in own_files(folder)}
 
 
 def checksum(path: Path) -> FileEntry:

@@ -306,7 +306,7 @@ def read_truth(path: Path) -> dict[str, NDArray[Any]]:
             where=str(path),
             found=f"{type(error).__name__}: {error}",
             expected="a zip of .npy arrays of numbers",
-            remedy="copy the file again; a truth file may also be deleted, nothing but comparisons needs it",
+            remedy="restore the file from a copy; nothing but comparisons needs it",
         ) from error
 
 

@@ -14,12 +14,19 @@ import pyarrow.parquet as pq
 
 from bench.record.events.run import Invalid, Measured, Outcome
 from bench.record.recording._events import EVENTS_FILE, read_events
-from bench.record.recording._manifest import FileEntry, Manifest, checksum, read_manifest, seal_state
+from bench.record.recording._manifest import (
+    FileEntry,
+    Manifest,
+    checksum,
+    own_files,
+    read_manifest,
+    seal_state,
+)
 from bench.record.recording._operators import operators_of
 from bench.record.recording._raw import missing_tail
 from bench.record.recording._remote import local_run
 from bench.record.recording._tables import from_arrow
-from bench.record.run_folder import MANIFEST_FILE, PICTURES_FOLDER, PROCEDURE_FILE
+from bench.record.run_folder import MANIFEST_FILE
 from drivers.base.errors import BenchError, RecordError
 
 Decode = Callable[[Path, Path], object]
@@ -62,7 +69,7 @@ def verify(folder: Path, decode: Decode) -> VerifyReport:
     if not manifest.complete:
         problems.append(FileProblem("manifest.json", "the run was never closed: there are no checksums"))
     else:
-        problems += _compare_files(folder, manifest.files)
+        problems += _compare_files(folder, manifest)
         problems += _compare_manifest(folder, manifest)
     problems += _compare_raw(folder, manifest)
     sealed = bool(manifest.seal)
@@ -84,7 +91,8 @@ def verify(folder: Path, decode: Decode) -> VerifyReport:
     return VerifyReport(len(manifest.files), len(names), tuple(problems), sealed)
 
 
-def _compare_files(folder: Path, expected: Mapping[str, FileEntry]) -> Iterator[FileProblem]:
+def _compare_files(folder: Path, manifest: Manifest) -> Iterator[FileProblem]:
+    expected = manifest.files
     for name, entry in expected.items():
         path = folder / name
         if not path.is_file():
@@ -93,10 +101,10 @@ def _compare_files(folder: Path, expected: Mapping[str, FileEntry]) -> Iterator[
             yield FileProblem(name, f"differs from the manifest: {size} bytes, expected {entry.bytes}")
         elif (found := checksum(path)) != entry:
             yield FileProblem(name, f"differs from the manifest: found {found}, expected {entry}")
-    more = [*sorted((folder / "raw").glob("*")), *sorted((folder / PICTURES_FOLDER).glob("*"))]
-    for path in [folder / EVENTS_FILE, folder / PROCEDURE_FILE, *more]:
+    for path in own_files(folder):
         name = path.relative_to(folder).as_posix()
-        if name not in expected and path.exists():
+        # A truth was not sealed before manifests were.
+        if name not in expected and (manifest.seal or not name.startswith("truth_")):
             yield FileProblem(name, "not in the manifest")
 
 
