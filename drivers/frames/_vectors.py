@@ -28,7 +28,8 @@ def _mistakes(family: FrameFamily, vector: Vector | LineVector, key: str) -> Ite
     key_of_data = f"{key}.text" if is_line else f"{key}.hex"
     reader = reader_of(family)
     messages = reader.feed(data + b"\r\n" if is_line else data)
-    if len(messages) != 1 or not (is_line or messages[0].rows.size == len(data)):
+    alone = len(messages) == 1 and len(messages[0].rows) == 1
+    if not alone or not (is_line or messages[0].rows.size == len(data)):
         expected = "a line of this description" if is_line else "one whole frame whose check is right"
         yield Mistake(key_of_data, _why(reader, len(data), is_line), expected)
         return

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -177,3 +178,69 @@ def test_what_is_hidden_behind_likely_frames_is_never_one_that_counts() -> None:
         assert sorted(got) == [(end, kind) for end, kind, _ in frames]
         assert ours.counts.rejected == rejects
         assert ours.counts.bytes_skipped == skipped
+
+
+class Counting:
+    """A check that counts the rows it is asked about."""
+
+    def __init__(self) -> None:
+        self.rows = 0
+
+    def __call__(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        self.rows += len(rows)
+        return additive(rows)
+
+
+def counted() -> tuple[StreamSplitter, list[Counting]]:
+    checks = [Counting() for _ in KINDS]
+    kinds = [
+        Kind(
+            (Pattern(head, span),),
+            lambda _, check=check: check,  # type: ignore[misc]
+            length or 3,
+            length or 8,
+            None if length else stated,
+        )
+        for (head, span, length), check in zip(KINDS, checks, strict=True)
+    ]
+    return StreamSplitter(kinds), checks
+
+
+@pytest.mark.parametrize("kind", range(4))
+@pytest.mark.parametrize("sizes", [[100_000], [4096], [7, 50, 333]])
+def test_each_frame_of_a_clean_stream_is_checked_once(kind: int, sizes: list[int]) -> None:
+    """A search through everything would check every place that looks like a beginning, too."""
+    data = PIECES[kind] * 4000
+    ours, checks = counted()
+    for chunk in cut(data, sizes):
+        ours.feed(chunk)
+    assert ours.by_kind == [4000 if number == kind else 0 for number in range(4)]
+    assert [check.rows for check in checks] == ours.by_kind
+
+
+INSIDE = b"\x5a\x5a\xa5\x00\x00\x03\x00"  # sound itself, with what could be a sound frame inside
+
+
+@pytest.mark.parametrize("first", [b"", PIECES[0] * 3])
+def test_beginnings_inside_of_frames_of_the_likely_kind_are_not_looked_at(first: bytes) -> None:
+    """Most are of one kind, with a beginning of another in each: only the real ones of that are checked."""
+    assert sum(INSIDE) % 4 == 0
+    data = first + (INSIDE * 4 + PIECES[1] * 5 + PIECES[0]) * 200
+    ours, checks = counted()
+    ours.feed(data)
+    real = len(first) // 4 + 200
+    assert ours.by_kind == [real, 1800, 0, 0]
+    looked_at_first = 18  # rows that may lie end to end
+    assert checks[0].rows - real <= looked_at_first and checks[1].rows - 1800 <= looked_at_first
+
+
+@pytest.mark.parametrize("count", [3, 300])
+def test_a_beginning_at_the_end_is_waited_for_behind_any_number_of_frames(count: int) -> None:
+    """Noise between the frames, so that they are searched for; the last one comes in two pieces, cut anywhere."""
+    data = b"".join(PIECES[0] + b"\x01" for _ in range(count)) + PIECES[1]
+    for at in range(len(data) - 8, len(data)):
+        ours, got = splitter(), 0
+        for chunk in (data[:at], data[at:]):
+            got += sum(len(piece.ends) for piece in ours.feed(chunk))
+        assert got == count + 1
+        assert ours.counts.bytes_skipped == count
