@@ -59,19 +59,25 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         ),
     ),
     "decoders": (
-        _part("drivers/kvh/*", "tests/drivers/test_kvh_codec test_kvh_driver test_decoders_by_hand"),
         _part(
-            "drivers/kit/slcan_codec", "tests/drivers/test_slcan_codec test_decoders_by_hand test_slcan_bus"
+            "drivers/kvh/*",
+            "tests/drivers/test_kvh_codec test_kvh_driver test_decoders_by_hand test_descriptions_by_hand",
+            "tests/drivers/test_descriptions_whole",
+        ),
+        _part(
+            "drivers/kit/slcan_codec",
+            "tests/drivers/test_slcan_codec test_decoders_by_hand test_descriptions_by_hand test_slcan_bus",
         ),
         _part(
             "drivers/can_dbc/*",
-            "tests/drivers/test_decoders_by_hand test_can_dbc_mapping test_can_dbc_decoder test_can_dbc_signals",
+            "tests/drivers/test_decoders_by_hand test_descriptions_by_hand",
+            "tests/drivers/test_can_dbc_mapping test_can_dbc_decoder test_can_dbc_signals",
         ),
         _part(
             "drivers/frames/_line*",
             "tests/drivers/frames/test_frames_rules test_frames_by_hand test_printed_lines test_frames_lines",
             "tests/drivers/frames/test_frames_shipped test_line_reader test_fuzz",
-            "tests/drivers/test_decoders_by_hand",
+            "tests/drivers/test_decoders_by_hand test_descriptions_by_hand test_descriptions_whole",
         ),
         _part(
             "drivers/kit/_candidates patterns splitting framing",
@@ -82,7 +88,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
             "drivers/frames/_verify _vectors",
             "tests/drivers/frames/test_frames_rules test_frames_document test_frames_settings",
             "tests/drivers/frames/test_frames_lines test_frames_shipped test_frames_command",
-            "tests/drivers/test_decoders_by_hand",
+            "tests/drivers/test_decoders_by_hand test_descriptions_by_hand test_descriptions_whole",
         ),
         _part(
             "drivers/frames/*",
@@ -90,7 +96,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
             "tests/drivers/frames/test_frames_resync",
             "tests/drivers/frames/test_frames_shipped",
             "tests/drivers/frames/test_frames_settings test_frames_lines test_fuzz",
-            "tests/drivers/test_decoders_by_hand",
+            "tests/drivers/test_decoders_by_hand test_descriptions_by_hand test_descriptions_whole",
         ),
     ),
     "fits": (
