@@ -111,7 +111,7 @@ def _jackknife(gone: Array, left: Array, profiles: NDArray[np.str_]) -> float:
         if whole > 0.0:
             shares.append(float(gone[kept].sum()) / whole)
     count = len(shares)
-    return math.sqrt((count - 1.0) * float(np.var(shares))) if count > 1 else 0.0
+    return math.sqrt((count - 1.0) * float(np.var(shares))) if shares else 0.0
 
 
 def _shares_by(

@@ -49,9 +49,10 @@ def sets_of_note(posterior: SetPosterior, within: float, most: int) -> list[froz
     curved = [names for names in ranked if names & posterior.curves]
     result = []
     for own, count in (([names for names in ranked if names not in curved], most), (curved, 1)):
-        highest = posterior.log_evidence[best[own[0]]] if own else 0.0
         result += [
-            best[names] for names in own[:count] if posterior.log_evidence[best[names]] > highest - within
+            best[names]
+            for names in own[:count]
+            if posterior.log_evidence[best[names]] > posterior.log_evidence[best[own[0]]] - within
         ]
     return result
 
