@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import math
 import tempfile
 import urllib.request
 from collections.abc import Callable, Iterator
@@ -215,12 +216,16 @@ def phone(path: Path) -> Iterator[Said]:
 def bytes_of_a_serial_line(path: Path) -> Iterator[Said]:
     try:
         look(path)
+        said = "columns"
     except ConfigurationError as error:
-        yield Said(
-            "binary frames of an OpenIMU", "its maker", f"refused: {error.what}", "binary" in error.what
-        )
-    else:
-        yield Said("binary frames of an OpenIMU", "its maker", "columns", False)
+        said = error.remedy
+    yield Said("binary frames of an OpenIMU", "its maker", f"refused: {said}", "--frames openimu" in said)
+    found = look(path, LookOptions(frames="openimu"))
+    rows, rate_hz = len(found.axes[0].values), found.clock.rate_hz
+    right = rows == 2127 and abs(rate_hz - 100.0) < 1.0
+    yield Said("2127 whole frames of 100 Hz", "another program's count", f"{rows} at {rate_hz:.4g} Hz", right)
+    norm = math.hypot(*(axis.figures.mean for axis in found.axes if axis.channel.kind == "accelerometer"))
+    yield Said("gravity", "physics", f"{norm:.3g} m/s^2 in all", abs(norm - 9.8) < 0.1)
 
 
 def hand_held(path: Path) -> Iterator[Said]:

@@ -1,6 +1,6 @@
 """Gyros on a serial port described by a TOML file: decoder, encoder and driver made from the description."""
 
-from drivers.frames._decode import FrameDecoder, MessageReader, channels, messages_of, reader_of
+from drivers.frames._decode import FrameDecoder, MessageReader, celsius, channels, messages_of, reader_of
 from drivers.frames._encode import FrameEncoder
 from drivers.frames._form import Form, Messages
 from drivers.frames._kind import Frames, FramesConfig, bits_a_byte, kind_as_described
@@ -26,6 +26,7 @@ __all__ = [
     "MessageReader",
     "Messages",
     "bits_a_byte",
+    "celsius",
     "channels",
     "choices_of",
     "family_of",

@@ -39,7 +39,7 @@ _GRAVITY_OFF = 0.15
 
 @dataclass(frozen=True)
 class LookOptions:
-    """What the log does not say: separator, lines before the first row, table, DBC files, sample rate.
+    """What the log does not say: separator, lines before the first row, table, DBC files, frames, sample rate.
 
     `columns` are texts KIND=NAME,NAME, `units` texts NAME=UNIT; both take globs. `still`: the unit never
     turned, whatever its gyros say; else rest and turning are found from the data.
@@ -49,6 +49,7 @@ class LookOptions:
     skip: int | None = None
     group: str = ""
     dbc: Sequence[Path] = ()
+    frames: str = ""
     rate_hz: float | None = None
     columns: Sequence[str] = ()
     units: Sequence[str] = ()
@@ -116,6 +117,7 @@ def look(log: Path, options: LookOptions | None = None) -> Look:
         skip=options.skip,
         group=options.group,
         dbc=options.dbc,
+        frames=options.frames,
         sought=is_gyro,
     )
     sound, remarks = without_padding(table.columns)

@@ -18,9 +18,6 @@ if TYPE_CHECKING:
 app = Typer(name="frames", no_args_is_help=True)
 
 _RANDOM_BYTES = 1e9
-_TRIED = 1 << 17
-"""Bytes of a capture in which the other descriptions look for their messages."""
-_ENOUGH = 5
 
 
 @app.command("list")
@@ -165,16 +162,8 @@ def _decode(
 
 def _remedy(path: Path) -> str:
     """Return what to do about a capture of another device; if one of ours fits, which."""
-    from drivers.frames import load_family, reader_of, shipped
+    from bench.record.exchange import fitting_description
 
-    with path.open("rb") as file:
-        data = file.read(_TRIED)
-    fits: dict[str, int] = {}
-    for name in shipped():
-        reader = reader_of(load_family(name))
-        reader.feed(data)
-        if reader.counts.frames >= _ENOUGH:
-            fits[name] = len(data) - reader.counts.bytes_skipped
-    if fits and 2 * max(fits.values()) > len(data):
-        return f"`gyrobench frames check {max(fits, key=lambda name: fits[name])}` fits it"
+    if fits := fitting_description(path):
+        return f"`gyrobench frames check {fits}` fits it"
     return "check that the capture is of this device, and that it was taken at the right baud rate"

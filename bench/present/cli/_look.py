@@ -20,7 +20,7 @@ _MOST_LINES = 3
 
 @app.command()
 def look(
-    log: Annotated[Path, Argument(help="text, Parquet, MAT, NPY, NPZ, HDF5 or MDF")],
+    log: Annotated[Path, Argument(help="text, Parquet, MAT, NPY, NPZ, HDF5, MDF, or a unit's bytes")],
     column: Annotated[
         list[str] | None, Option(help="KIND=NAME,NAME: gyro, accelerometer, temperature, time; * in names")
     ] = None,
@@ -31,8 +31,11 @@ def look(
     still: Annotated[bool, Option("--still", help="the unit never turned")] = False,
     separator: Annotated[str, Option(help="of text: comma, semicolon, tab, blank, or the character")] = "",
     skip: Annotated[int | None, Option(help="lines of text before the first row", min=0)] = None,
-    table: Annotated[str, Option(help="table in a MAT, NPZ or HDF5 file")] = "",
+    table: Annotated[str, Option(help="table in a MAT, NPZ or HDF5 file, message of --frames")] = "",
     dbc: Annotated[list[Path] | None, Option(help="DBC file for the CAN frames of an MDF file")] = None,
+    frames: Annotated[
+        str, Option(help="the log is bytes as the unit sent them: description of its frames, name or file")
+    ] = "",
     write: Annotated[
         Path | None, Option(help="folder for a mapping and a nominal's noise for each gyro; needs --latitude")
     ] = None,
@@ -59,6 +62,7 @@ def look(
         skip=skip,
         group=table,
         dbc=tuple(dbc or ()),
+        frames=frames,
         rate_hz=rate,
         columns=tuple(column or ()),
         units=tuple(unit or ()),

@@ -1,5 +1,6 @@
 """Runs to and from other software: CSV, Parquet, MDF4 and BLF out; foreign logs in, by a mapping file."""
 
+from bench.record.exchange._described import fitting_description
 from bench.record.exchange._export import export_run
 from bench.record.exchange._import import decode_imported, import_log
 from bench.record.exchange._log import read_log
@@ -15,6 +16,7 @@ __all__ = [
     "Table",
     "decode_imported",
     "export_run",
+    "fitting_description",
     "import_log",
     "read_log",
     "read_mapping",

@@ -56,11 +56,16 @@ def head_of(file: Path) -> list[str]:
     with file.open("rb") as source:
         head = source.read(_HEAD_BYTES)
     if b"\0" in head[:4096]:
+        from bench.record.exchange._described import fitting_description
+
+        fits = fitting_description(file)
         raise ConfigurationError(
             "the log cannot be read: it is binary, of a kind that its name does not say",
             where=str(file),
             expected="text, or a name that ends in .parquet, .mat, .npy, .npz, .h5, .mf4",
-            remedy="describe its frames (docs/frames.md), or save it as one of these",
+            remedy=f"its frames are those of {fits}: say --frames {fits}"
+            if fits
+            else "describe its frames (docs/frames.md) and say --frames FILE, or save it as one of these",
         )
     text = head.decode("utf-8-sig", "replace")
     text = head.decode("latin-1") if "\ufffd" in text[:-4] else text
