@@ -171,7 +171,8 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         _part(
             "bench/analysis/gap/_exam _examination _score _exam_folder _case_folder _signature",
             "tests/analysis/gap/test_gap_closing_by_hand test_gap_edges test_gap_by_hand",
-            "tests/analysis/gap/test_gap_spectra_by_hand test_gap_folders_by_hand test_gap_fit test_gap_exam",
+            "tests/analysis/gap/test_gap_spectra_by_hand test_gap_folders_by_hand test_gap_sets_by_hand",
+            "tests/analysis/gap/test_gap_fit test_gap_exam",
         ),
         _part(
             "bench/analysis/gap/*",

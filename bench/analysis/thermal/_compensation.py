@@ -240,9 +240,9 @@ def _limits(train: Sequence[FeatureRun]) -> Limits:
 
 def _output_interval(train: Sequence[FeatureRun], target: str) -> Interval:
     parts = [getattr(run, target)[run.weight > 0] for run in train if getattr(run, target) is not None]
-    if not parts:
+    values = np.concatenate([np.empty(0), *parts])
+    if not values.size:
         return 0.0, 0.0
-    values = np.concatenate(parts)
     margin = MARGIN * float(np.ptp(values))
     return float(values.min()) - margin, float(values.max()) + margin
 

@@ -274,6 +274,7 @@ def test_an_exams_folder_has_its_plan_and_a_line_for_every_case_marked(monkeypat
     assert (found.seed, found.cases, found.marked) == (7, 2, tuple(marked))
     with pytest.raises(ConfigurationError, match="holds an exam already"):
         list(_exam_folder.hold_exam(2, 7, folder))
+    assert len(list(_exam_folder.hold_exam(1, 0, tmp_path / "d"))) == 2
     for cases, seed in ((0, 1), (1, -1)):
         with pytest.raises(ConfigurationError, match="needs cases"):
             list(_exam_folder.hold_exam(cases, seed, tmp_path / "c"))

@@ -188,6 +188,9 @@ def test_learned_forms_are_over_what_changes():
     pulls = [np.cos(elevation) * np.cos(north), np.cos(elevation) * np.sin(north), np.sin(elevation)]
     (direction,) = forms(tilted)["bias over direction"]
     assert direction.variant.columns(s) == pytest.approx(np.stack((*pulls, pulls[2] ** 2)))
+    (memory,) = forms(tilted)["memory of direction"]
+    late = [pull - s.lagged(pull, lag_s) for lag_s in (30.0, 100.0, 300.0) for pull in pulls]
+    assert memory.variant.columns(s) == pytest.approx(np.stack(late))
     level = replace(STILL, stimulus=replace(STILL.stimulus, elevation_deg=np.zeros(3000)))
     assert "bias over direction" in forms(STILL, level) and "memory of direction" not in forms(STILL, level)
     one = replace(COLD, stimulus=replace(COLD.stimulus, t_out_c=COLD.stimulus.t_in_c))

@@ -180,6 +180,17 @@ def test_of_smaller_sets_that_leave_as_little_the_one_that_leaves_least_inherits
     assert found == {"bias_quadratic": 1.0, "bias_cubic": 12.0}
 
 
+def test_what_corrects_a_set_that_corrects_another_comes_to_the_last_of_them():
+    def without(one, names):
+        return one.left + 100.0 * len(names)
+
+    three = judged({"bias_quadratic", "bias_cubic", "shupe"}, 40.0, 12.0)
+    two, one = judged({"bias_quadratic", "bias_cubic"}, 50.0, 5.0), judged({"bias_quadratic"}, 60.0, 1.0)
+    for sets in ((one, two, three), (three, one, two)):
+        (heir,) = less_forms(sets, without, EFFECTS)
+        assert (heir.names, heir.log_evidence) == (one.names, 12.0)
+
+
 def test_the_best_set_with_an_effect_in_a_curves_place_has_all_the_rest():
     sets = {
         frozenset(names): value

@@ -15,12 +15,13 @@ from bench.analysis.gap._channel_data import _case, _inside, _stamps
 from bench.analysis.gap._data import cut, good_length, group_runs, interpolated, stand_ins, unseen
 from bench.analysis.gap._import import _finest_step, _in_blocks, _phases, held_rows, read_mapped_runs
 from bench.analysis.gap._rows import Steps, _digits, _evened, _odd, true_times
-from bench.analysis.gap._run_folder import _profile
+from bench.analysis.gap._run_folder import _between_polls, _profile
 from bench.record.events.run import AirDemand, ConditioningDemand
 from bench.record.recording import Arrivals
 from bench.record.recording._events import Line
 from drivers.base.errors import ConfigurationError, RecordError
 from tests.analysis.gap.conftest import made_run, stimulus
+from tests.analysis.gap.test_gap_folders_by_hand import polled
 
 
 def all_of(time_s):
@@ -375,6 +376,14 @@ def test_stamps_are_the_earliest_of_every_second_and_what_comes_later_is_scatter
     assert _stamps(run, "g").startswith("the stream cannot be decoded again: no kind")
     run.has_arrivals = lambda g: False
     assert _stamps(run, "g") == "no arrival times of the gyro's stream"
+
+
+def test_a_drift_of_the_output_is_no_noise_that_hides_what_lies_between_polls():
+    """The rate changes by 10 deg/s between polls, under noise of 100 deg/h and a drift of 1e6 deg/h a second."""
+    changed = polled(lambda t: np.where(t < 20.0, 0.0, 10.0 * (t - 20.0)))
+    error = np.random.default_rng(1).normal(0.0, 100.0, 39) + 1e6 * np.arange(39.0)
+    edges = np.arange(0.5, 40.0)
+    assert edges[:-1][_between_polls(changed, edges, error, True)].tolist() == [18.5, 19.5, 20.5]
 
 
 def test_a_profile_is_the_procedure_with_what_is_not_usual():
