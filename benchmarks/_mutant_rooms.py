@@ -107,19 +107,23 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         ),
         _part(
             "bench/analysis/thermal/_dataset",
-            "tests/analysis/thermal/test_dataset test_scale_factor test_thermal_by_hand test_thermal_choices_by_hand",
+            "tests/analysis/thermal/test_dataset test_scale_factor test_thermal_by_hand",
+            "tests/analysis/thermal/test_thermal_choices_by_hand",
         ),
         _part(
             "bench/analysis/thermal/_grey_box _diffusion",
-            "tests/analysis/thermal/test_grey_box test_thermal_by_hand test_thermal_choices_by_hand",
+            "tests/analysis/thermal/test_grey_box test_thermal_by_hand",
+            "tests/analysis/thermal/test_thermal_choices_by_hand",
         ),
         _part(
             "bench/analysis/thermal/_hybrid",
-            "tests/analysis/thermal/test_compensation test_hybrid test_thermal_by_hand test_thermal_choices_by_hand",
+            "tests/analysis/thermal/test_compensation test_hybrid test_thermal_by_hand",
+            "tests/analysis/thermal/test_thermal_choices_by_hand",
         ),
         _part(
             "bench/analysis/thermal/_lstm*",
-            "tests/analysis/thermal/test_lstm test_thermal_by_hand test_thermal_choices_by_hand",
+            "tests/analysis/thermal/test_lstm test_thermal_by_hand",
+            "tests/analysis/thermal/test_thermal_choices_by_hand",
         ),
         _part(
             "bench/analysis/thermal/_scale_factor",

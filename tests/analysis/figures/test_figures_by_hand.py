@@ -368,7 +368,7 @@ def test_an_interval_that_is_not_even_grows_by_the_bench_on_either_side():
     (found,) = with_budgets([wide], Plan(), clock(1e6))
     assert found.low == 0.0 and not found.seen  # a magnitude
     part = BenchErrors().of("table_level_deg", 3.0, difference=True)
-    assert (part.standard, part.unit, part.error) == (
+    assert (part.standard, part.unit, part.estimate) == (
         pytest.approx(math.sqrt(2 / 3) * ASSUMED["table_level_deg"]),
         "deg",
         0.0,
@@ -378,7 +378,7 @@ def test_an_interval_that_is_not_even_grows_by_the_bench_on_either_side():
     cosine = _cosine(figure("m", 0.4, 0.1), BenchErrors(), 2.0)
     parts = [ASSUMED[name] / math.sqrt(3.0) for name in ("fixture_deg", "table_wobble_deg")]
     ppm = 1e6 * (math.hypot(*parts, 0.4) * math.pi / 180.0) ** 2
-    assert (cosine.standard, cosine.error, cosine.sensitivity) == pytest.approx((ppm, ppm, 2e-6))
+    assert (cosine.standard, cosine.estimate, cosine.sensitivity) == pytest.approx((ppm, ppm, 2e-6))
 
 
 def test_repeatability_over_runs_is_beyond_the_noise_within_each():
