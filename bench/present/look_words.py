@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -41,6 +42,8 @@ def motion_words(found: Look) -> str:
         f"taken for rest, as the quietest: {rest:.4g} {unit} in {len(motion.rests_s)} stretches; "
         f"shaken {motion.shaken_s:.4g} {unit}; "
     )
+    if not motion.by_gyros:
+        return words + "told by accelerometers alone, which do not see how it turned"
     words += f"{len(motion.turns)} turns"
     shown = [
         f"{turn.axis} {turn.rate:.4g} from {turn.start_s:.4g} to {turn.stop_s:.4g} {unit} ({turn.angle:.4g})"
@@ -61,14 +64,18 @@ def noise_words(axis: AxisLook) -> str:
         if not math.isfinite(allan.white):
             return f"{off}; nowhere falls as white noise does"
         return f"{off}; white {factor * allan.white:.3g} {white_unit}"
-    white, flicker = (
-        f"{name} {scale * value:.3g}" if low > 0.0 or value > 0.0 else f"{name} below {scale * high:.3g}"
-        for name, scale, (value, low, high) in (
-            ("N", factor, allan.coefficients[:, 1].tolist()),
-            ("B", 1.0, allan.coefficients[:, 2].tolist()),
-        )
-    )
-    return f"{white} {white_unit}, {flicker} {allan.unit}"
+    white = _coefficient("N", factor, allan.coefficients[:, 1].tolist(), white_unit)
+    return f"{white}, {_coefficient('B', 1.0, allan.coefficients[:, 2].tolist(), allan.unit)}"
+
+
+def _coefficient(name: str, factor: float, of: Sequence[float], unit: str) -> str:
+    """Return a coefficient `of` value, low and high end in words, times a factor."""
+    value, low, high = of
+    if low > 0.0 or value > 0.0:
+        return f"{name} {factor * value:.3g} {unit}"
+    if not math.isfinite(high):
+        return f"{name} not told by so short a rest"
+    return f"{name} below {factor * high:.3g} {unit}"
 
 
 def _white(axis: AxisLook) -> tuple[float, str]:
@@ -84,9 +91,14 @@ def _time_unit(axis: AxisLook) -> str:
     return "s" if axis.clock_known else "samples"
 
 
+def frequency_unit(*, clock_known: bool) -> str:
+    """Return the unit of a log's frequencies: without a known clock they are of the samples."""
+    return "Hz" if clock_known else "cycles a sample"
+
+
 def nyquist_words(found: Look) -> str:
     """Return how far the spectra reach, and what their lines do not say."""
-    unit = "Hz" if found.clock.known else "cycles a sample"
+    unit = frequency_unit(clock_known=found.clock.known)
     rate = found.clock.per_s
     return (
         f"Spectra reach up to the Nyquist frequency, {0.5 * rate:.5g} {unit}. A line's frequency is that in the "

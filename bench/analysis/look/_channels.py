@@ -218,14 +218,18 @@ def _by_values(columns: Mapping[str, Array], log_kind: str, remarks: list[str]) 
     names = list(columns)
     if _grows(columns[names[0]]):
         kinds[names.pop(0)] = TIME
-    triples = [names[k : k + 3] for k in range(0, len(names) - 2, 3)] if len(names) in (3, 6, 7) else []
+    few = len(names) in (3, 6, 7)
+    triples = [names[k : k + 3] for k in range(0, len(names) - 2, 3)][: None if few else 2]
+    if not few and len(names) < 9:  # of many columns gyros and accelerometers are the first
+        triples = []
     heavy = [triple for triple in triples if _accelerometer_unit(columns, triple)]
     other = log_kind if len(triples) == 1 and log_kind != TIME else GYRO if len(heavy) == 1 else ""
-    if triples and (other or heavy == triples):
+    if triples and (other or (few and heavy == triples)):
         for triple in triples:
             kinds |= dict.fromkeys(triple, ACCELEROMETER if triple in heavy else other)
         told = ", ".join(f"{name} {kind}" for name, kind in kinds.items())
-        remarks.append(f"what the columns are is told by their values or the log's name: {told}")
+        more = "" if few else f"; the {len(names) - 6} behind them are not looked at"
+        remarks.append(f"what the columns are is told by their values or the log's name: {told}{more}")
         return kinds
     names = [name for name in names if np.ptp(columns[name]) > 0.0 and not _grows(columns[name])] or names
     remarks.append(

@@ -209,7 +209,8 @@ def _axis(
 ) -> AxisLook:
     part = longest(np.isfinite(values) & motion.rest)
     rest = motion.rest
-    if motion.turns and channel.kind == ACCELEROMETER:  # after a turn gravity is another one
+    moved = motion.turns or not motion.by_gyros
+    if moved and channel.kind == ACCELEROMETER:  # after a turn gravity is another one
         rest = np.zeros(len(values), np.bool_)
         rest[part] = True
     figures, clean = figures_of(values, rest, clock.per_s, recorded[np.isfinite(recorded)])

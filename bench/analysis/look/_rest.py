@@ -43,7 +43,8 @@ class Turn:
 class Motion:
     """`rest`, shape (n,): samples taken for rest. Stretches (start, stop) of it in s, turns, and s of shaking.
 
-    `judged`: without gyros nothing is known, and everything counts as rest.
+    `judged`: without gyros and three accelerometers nothing is known, and everything counts as rest. `by_gyros`
+    False: told by accelerometers alone, which see rests and not how the unit turns between them.
     """
 
     rest: NDArray[np.bool_]
@@ -51,6 +52,7 @@ class Motion:
     turns: tuple[Turn, ...]
     shaken_s: float
     judged: bool = True
+    by_gyros: bool = True
 
 
 def motion_of(
@@ -60,11 +62,12 @@ def motion_of(
 
     `gyros` and `heavy` (accelerometers), each (n,), on one grid; `dps`: the gyros' unit is known. A window
     rests if it scatters no more than the quietest fifth by three times and its mean is near the level of the
-    slowest quiet windows: of a log that turns at one rate all the time, that rate is taken for the bias.
+    slowest quiet windows: of a log that turns at one rate all the time, that rate is taken for the bias. Without
+    gyros a window of three accelerometers rests if it is as quiet and its mean is that of a neighbour.
     """
     length = max(_FEWEST, round(_WINDOW_S * per_s))
     windows = count // length
-    if not gyros or windows < 4:
+    if (not gyros and len(heavy) < 3) or windows < 4:
         return Motion(np.ones(count, np.bool_), (), (), 0.0, judged=False)
     blocks = [values[: windows * length].reshape(windows, length) for values in (*gyros, *heavy)]
     mean, scatter, middle = (
@@ -75,6 +78,8 @@ def motion_of(
         return Motion(np.ones(count, np.bool_), (), (), 0.0, judged=False)
     usual = np.maximum(np.nanmedian(scatter, axis=0) * 1e-3, np.nanquantile(scatter, 0.2, axis=0))
     quiet = (scatter <= _SHAKEN * np.maximum(usual, 1e-15)).all(axis=1)
+    if not gyros:
+        return _by_accelerometers(middle, quiet, whole, np.maximum(usual, 1e-15), count, length, per_s)
     mean, scatter, middle = (part[:, : len(gyros)] for part in (mean, scatter, middle))
     quiet &= ~_swung(blocks[: len(gyros)], scatter, max(1, round(_LAG_S * per_s))).any(axis=1)
     if not quiet.any():
@@ -103,6 +108,23 @@ def motion_of(
     mask[: windows * length] = np.repeat(rest, length)
     shaken = ~rest & ~turning & np.isfinite(mean).all(axis=1)  # neither in a gap
     return Motion(mask, rests, tuple(turns), float(shaken.sum() * seconds))
+
+
+def _by_accelerometers(
+    middle: Array, quiet: NDArray[np.bool_], whole: NDArray[np.bool_], usual: Array, count: int, length: int,
+    per_s: float,
+) -> Motion:  # fmt: skip
+    """Return the rests of windows with medians `middle` (windows, 3), told which are quiet and which complete."""
+    same = (np.abs(np.diff(middle, axis=0)) <= _SHAKEN * usual).all(axis=1)
+    rest = quiet & (np.append(same, False) | np.insert(same, 0, False))
+    for start, stop in stretches(~rest):
+        inside = start > 0 and stop < len(rest) and stop - start == 1  # one with an outlier in it
+        rest[start] |= inside and bool((np.abs(middle[stop] - middle[start - 1]) <= _SHAKEN * usual).all())
+    seconds = length / per_s
+    rests = tuple((start * seconds, stop * seconds) for start, stop in _long(rest))
+    mask = np.full(count, rest.all())
+    mask[: len(rest) * length] = np.repeat(rest, length)
+    return Motion(mask, rests, (), float((~rest & whole).sum() * seconds), by_gyros=False)
 
 
 def _swung(blocks: Sequence[Array], scatter: Array, lag: int) -> NDArray[np.bool_]:

@@ -139,9 +139,10 @@ def _row(axis: AxisLook) -> tuple[str, ...]:
 
 def _noticed(axis: AxisLook) -> list[str]:
     """Return what was noticed on an axis, a line each; lines of its spectrum the largest first."""
-    from bench.present.look_words import noticed
+    from bench.present.look_words import frequency_unit, noticed
 
     lines = sorted(axis.spectrum.lines if axis.spectrum else (), key=lambda line: -line.amplitude)
     more = f" and {len(lines) - _MOST_LINES} more" if len(lines) > _MOST_LINES else ""
     named = ", ".join(f"{line.frequency_hz:.5g}" for line in lines[:_MOST_LINES])
-    return [*([f"lines at {named} Hz{more}"] if lines else []), *noticed(axis)]
+    unit = frequency_unit(clock_known=axis.clock_known)
+    return [*([f"lines at {named} {unit}{more}"] if lines else []), *noticed(axis)]

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.present.look_words import clock_words, motion_words, noise_words, noticed, nyquist_words
+from bench.present.look_words import (
+    clock_words,
+    frequency_unit,
+    motion_words,
+    noise_words,
+    noticed,
+    nyquist_words,
+)
 from bench.present.report._figures import Curve, Lane, Panel, lanes, panels
 from bench.present.report._numbers import DASH, moment, significant, unit_text
 from bench.present.report._page import Cell, Fact, Figures, Key, Notes, Page, Section, Table, Verdict, named
@@ -166,7 +173,7 @@ def _spectra(found: Look) -> list[Figures]:
             [curve], axis.channel.name, f"{spectrum.averages} segments", description=axis.channel.name
         )
 
-    x_label = f"log10 of frequency, {'Hz' if found.clock.known else '1/sample'}"
+    x_label = f"log10 of frequency, {frequency_unit(clock_known=found.clock.known)}"
     return _figures(found, "Amplitude density, extremes of buckets", panel, (), x_label, "log10, {}/√Hz")
 
 
@@ -211,7 +218,8 @@ def _lines(found: Look) -> Table:
         for axis in found.axes
         for line in (axis.spectrum.lines if axis.spectrum else ())
     ]
-    heads = ["Axis", ">Frequency [Hz]", ">Amplitude", "Unit", ">Times the noise", "Shape"]
+    unit = frequency_unit(clock_known=found.clock.known)
+    heads = ["Axis", f">Frequency [{unit}]", ">Amplitude", "Unit", ">Times the noise", "Shape"]
     caption = "Lines by the frequency that they have in the record; the 12 strongest of an axis."
     return Table(heads, rows, caption)
 

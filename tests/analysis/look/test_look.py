@@ -401,3 +401,54 @@ def test_the_grid_of_values_is_that_of_the_log_not_of_what_was_filled_in():
     quanta = {axis.channel.name: axis.figures.quantum for axis in found.axes}
     assert {quanta[f"AngularRate{axis}"] for axis in "XYZ"} == {0.25}
     assert {quanta[f"Acceleration{axis}"] for axis in "XYZ"} == {0.125}
+
+
+def test_accelerometers_alone_tell_rests_by_their_attitudes(tmp_path):
+    """Three attitudes of 20 s, hand-turned between; the mean is that of one of them and not of all."""
+    rng, g = np.random.default_rng(5), 9.80665
+    parts = []
+    for axis in range(3):
+        parts.append(np.outer(np.ones(2000), g * np.eye(3)[axis]))
+        angle = np.linspace(0.0, np.pi / 2, 300)[:, None]
+        turned = np.cos(angle) * np.eye(3)[axis] + np.sin(angle) * np.eye(3)[(axis + 1) % 3]
+        parts.append(g * turned + rng.normal(0.0, 0.8, (300, 3)))
+    forces = np.concatenate(parts) + rng.normal(0.0, 0.02, (6900, 3))
+    log = written(tmp_path / "log.csv", {f"acc_{axis} [m/s2]": forces[:, k] for k, axis in enumerate("xyz")})
+    found = look(log, LookOptions(rate_hz=RATE))
+    starts = [start for start, _ in found.motion.rests_s]
+    assert starts == pytest.approx([0.0, 23.0, 46.0], abs=1.0) and not found.motion.by_gyros
+    assert all(stop - start == pytest.approx(20.0, abs=1.0) for start, stop in found.motion.rests_s)
+    means = sorted(abs(axis.figures.mean) for axis in found.axes)
+    assert means == pytest.approx([0.0, 0.0, g], abs=0.01)
+    said = CliRunner().invoke(app, ["look", str(log), "--rate", "100"]).output
+    assert "3 stretches" in said and "accelerometers alone" in said
+
+
+def test_many_columns_without_names_begin_with_those_that_feel_gravity(tmp_path):
+    """Time, three of gravity, three rates, magnetometers, pressure: as a flight computer writes them."""
+    rng, count = np.random.default_rng(6), 4000
+    rates = rng.normal(0.0, 0.1, (count, 3))
+    rates[1500:1700, 1] += 30.0
+    forces = np.array([0.1, -0.2, 9.8]) + rng.normal(0.0, 0.01, (count, 3))
+    more = np.column_stack([rng.normal(8000.0, 20.0, (count, 3)), rng.normal(97.5, 0.01, count)])
+    log = tmp_path / "log.txt"
+    np.savetxt(
+        log, np.column_stack([np.arange(count) / RATE, forces, rates, more]), "%.6f", "\t", comments=""
+    )
+    found = look(log)
+    kinds = {axis.channel.name: axis.channel.kind for axis in found.axes}
+    assert kinds == {f"c{n}": "accelerometer" if n < 5 else "gyro" for n in range(2, 8)}
+    assert [turn.axis for turn in found.motion.turns] == ["y"]
+    assert any("4 behind them are not looked at" in remark for remark in found.remarks)
+    swapped = np.column_stack([np.arange(count) / RATE, rates, forces, more])
+    np.savetxt(log, swapped, "%.6f", "\t", comments="")
+    kinds = {axis.channel.name: axis.channel.kind for axis in look(log).axes}
+    assert kinds == {f"c{n}": "gyro" if n < 5 else "accelerometer" for n in range(2, 8)}
+
+
+def test_without_a_known_rate_a_line_has_cycles_a_sample(tmp_path):
+    rng = np.random.default_rng(7)
+    tone = np.sin(0.2 * np.arange(20_000)) + rng.normal(0.0, 0.1, 20_000)
+    log = written(tmp_path / "log.csv", {"gyro_x [deg/s]": tone, "gyro_y [deg/s]": rng.normal(0, 1, 20_000)})
+    said = CliRunner().invoke(app, ["look", str(log), "--still"]).output
+    assert f"lines at {0.2 / (2 * np.pi):.3g}" in said and "cycles a sample" in said and " Hz and" not in said
