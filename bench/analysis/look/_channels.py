@@ -33,6 +33,12 @@ _OTHERWISE = re.compile(
     r"(^|[_ ])dt$|integral|interval|clip|relative|packet|_id$"
 )
 """Columns that are none of these in spite of their names or units."""
+_NAVIGATION = re.compile(
+    r"(^|[_. ])(lat(itude)?|lon(gitude)?|lng|alt(itude)?|h(gt|eight)?|north|east|down|pos\w*|vel\w*|v[_ ]?[ned]|"
+    r"roll|pitch|yaw|heading|course|azimuth|phi|psi|q[_ ]?[0-3wxyz]|quat\w*|dcm\w*|euler\w*|element)"
+    r"([_ ]?(deg|rad|m|[xyzned0-9]))*(\W.*)?$"
+)
+"""Position, velocity and attitude by name: nothing that a gyro or an accelerometer sends."""
 _WITHOUT_GRAVITY = re.compile(r"lin(ear)?[_ ]?acc|gravity|user|free[_ ]?acc")
 """A phone's accelerations of these names are a filter's, where it has an accelerometer beside them."""
 _COUNTER = re.compile(r"sample|row|index|count|^n$|^i$|frame|seq|packet")
@@ -48,6 +54,7 @@ _AXIS_WORDS = {"roll": "x", "pitch": "y", "yaw": "z", "p": "x", "q": "y", "r": "
 _AS_IT_IS = Scale(1.0)
 _G_NEAR = 0.15
 """How far the norm of accelerometers at rest may be off gravity."""
+_UNIT_VECTOR = 1e-6
 _PACE, _PACE_ROWS = 0.02, 4.0
 """Part, and rows in all, by which times of one log may differ in pace: clocks differ by far less."""
 _SLOWEST_HZ, _FASTEST_HZ = 0.2, 20e3
@@ -157,6 +164,9 @@ def assign(
 def _kinds(columns: Mapping[str, Array], units: Mapping[str, str], log_name: str) -> dict[str, str]:
     """Return what each column is by its name, else by its unit, else, of x, y, z, by the log's name."""
     kinds = {name: _kind_of(name) or _kind_by_unit(name, units.get(name, "")) for name in columns}
+    letters = {re.split(r"[./]", name.lower())[-1] for name in columns}
+    if not letters >= {*"pqr"}:  # one alone is anything
+        kinds |= {name: "" for name in columns if re.split(r"[./]", name.lower())[-1] in ("p", "q", "r")}
     if not {GYRO, ACCELEROMETER} & set(kinds.values()) and (kind := _kind_of(log_name)) in (
         GYRO,
         ACCELEROMETER,
@@ -215,7 +225,10 @@ def _by_values(columns: Mapping[str, Array], log_kind: str, remarks: list[str]) 
     `log_kind`: what the log's own name says, of three columns beside a time.
     """
     kinds: dict[str, str] = {}
-    names = list(columns)
+    others = (_NAVIGATION, _OTHERWISE)
+    names = [name for name in columns if not any(other.search(name.lower()) for other in others)]
+    if not names:
+        return kinds
     if _grows(columns[names[0]]):
         kinds[names.pop(0)] = TIME
     few = len(names) in (3, 6, 7)
@@ -273,7 +286,10 @@ def _accelerometer_unit(columns: Mapping[str, Array], names: Sequence[str]) -> s
     """Return the unit in which the usual norm of three columns is that of gravity, "" if none."""
     if len(names) != 3:
         return ""
-    norm = float(np.nanmedian(np.sqrt(sum(columns[name][:1_000_000] ** 2 for name in names))))
+    norms = np.sqrt(sum(columns[name][:1_000_000] ** 2 for name in names))
+    norm = float(np.nanmedian(norms))
+    if np.nanmax(norms) - np.nanmin(norms) < _UNIT_VECTOR * norm:
+        return ""  # a direction, not a measurement
     for unit, size in (("m/s^2", STANDARD_GRAVITY_MPS2), ("g", 1.0), ("mg", 1e3)):
         if abs(norm / size - 1.0) < _G_NEAR:
             return unit

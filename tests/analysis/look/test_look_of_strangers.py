@@ -11,6 +11,7 @@ import scipy.io
 
 from bench.analysis.look import Look, LookOptions, look
 from bench.present.look_words import noise_words
+from drivers.base.errors import ConfigurationError
 
 RATE, ROWS = 100.0, 1500
 TIME = np.arange(ROWS) / RATE
@@ -171,3 +172,41 @@ def test_without_gravity_and_without_a_rate(tmp_path: Path) -> None:
     found = look(tmp_path / "lin.csv")
     assert any("not gravity's 9.81" in remark for remark in found.remarks)
     assert "sqrt(sample)" in noise_words(found.axes[0])  # no unit with hours without a clock
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("t", "lat", "lon", "h", "vel1", "vel2", "vel3"),
+        ("time", "Roll (deg)", "Pitch (deg)", "Yaw (deg)"),
+        ("time", "q_w", "q_x", "q_y", "q_z"),
+        ("Packet number", "Element 11", "Element 12", "Element 13"),
+        ("t", "DCMnb_m1", "DCMnb_m2", "DCMnb_m3", "ang_std1"),
+    ],
+)
+def test_a_log_of_positions_and_attitudes_has_no_gyro(tmp_path, names):
+    """Outputs of a navigation filter are none of what this looks at, whatever their values."""
+    values = np.column_stack([TIME, *(GYROS[:, k % 3] for k in range(len(names) - 1))])
+    path = tmp_path / "log.csv"
+    np.savetxt(path, values, "%.7f", ",", header=",".join(names), comments="")
+    with pytest.raises(ConfigurationError, match="no gyro and no accelerometer"):
+        look(path)
+
+
+def test_a_direction_of_length_one_is_no_accelerometer(tmp_path):
+    vectors = FORCE + np.column_stack([np.sin(TIME), np.cos(TIME), TIME])
+    vectors /= np.linalg.norm(vectors, axis=1)[:, None]
+    path = tmp_path / "log.txt"
+    np.savetxt(path, np.column_stack([TIME, vectors]), "%.9f")
+    assert {axis.channel.kind for axis in look(path).axes} == {"gyro"}
+    np.savetxt(path, np.column_stack([TIME, FORCE / 9.80665]), "%.9f")
+    assert {(axis.channel.kind, axis.channel.unit) for axis in look(path).axes} == {("accelerometer", "g")}
+
+
+def test_one_letter_alone_is_no_gyro(tmp_path):
+    path = tmp_path / "log.csv"
+    values = np.column_stack([TIME, GYROS, FORCE])
+    np.savetxt(path, values, "%.7f", ",", header="t,p,q,r,ax,ay,az", comments="")
+    assert [axis.channel.name for axis in look(path).axes][:3] == ["p", "q", "r"]
+    np.savetxt(path, values[:, [0, 2, 4, 5, 6]], "%.7f", ",", header="t,q,ax,ay,az", comments="")
+    assert [axis.channel.name for axis in look(path).axes] == ["ax", "ay", "az"]
