@@ -199,7 +199,7 @@ def _accelerations(config: FramesConfig, columns: Columns, sample_rate_hz: float
 def _temperatures(config: FramesConfig, columns: Columns, sample_rate_hz: float) -> dict[str, NDArray[Any]]:
     """Return `case_temp_c`, and `<field>_c` of every sensor where the frame carries more than one."""
     form = _form_of(config.family, config, columns)
-    temps = [spec for spec in form.fields if spec.role == "temp"]
+    temps = [spec for spec in form.fields if spec.role == "temp" and spec.name in columns]
     found = {f"{spec.name}_c": celsius(spec, columns) for spec in temps} if len(temps) > 1 else {}
     found |= {name: columns[name] for name in ("case_temp_c",) if name in columns}
     return found

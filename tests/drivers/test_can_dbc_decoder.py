@@ -467,3 +467,20 @@ def test_a_layout_that_is_not_there(tmp_path: Path) -> None:
     (tmp_path / "broken.toml").write_text("format =")
     with pytest.raises(ConfigurationError, match="not TOML"):
         load_layout("broken.toml", tmp_path)
+
+
+def test_pages_the_other_way_round_are_paired_as_they_were_sent(paged) -> None:
+    """Without the first frame every page 1 stands before a page 0 that belongs to the next sample."""
+    frames = b"".join(sample(k, float(k), 1000 * k) for k in range(1, 9)).split(b"\r")[1:-1]
+    decoder = CanDecoder(paged(valid=[]), 100.0)
+    columns = decoder.feed(b"\r".join(frames[:-1]) + b"\r").columns
+    assert columns["counter"].tolist() == [2, 3, 4, 5, 6, 7]
+    assert columns["rate_x_dps"].tolist() == [2, 3, 4, 5, 6, 7]
+    np.testing.assert_allclose(columns["rate_y_dps"] * 3600, np.arange(2, 8), rtol=1e-6)
+
+
+def test_a_rate_above_zero_however_low_will_do(paged) -> None:
+    CanDecoder(paged(), 0.25)
+    for rate_hz in (0.0, -1.0, math.nan):
+        with pytest.raises(ConfigurationError, match="positive rate"):
+            CanDecoder(paged(), rate_hz)

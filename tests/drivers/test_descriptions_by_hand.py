@@ -234,6 +234,25 @@ def test_of_several_messages_the_one_whose_columns_came_tells_what_they_mean():
         assert {axis: float(values[0]) for axis, values in found.items()} == accel
 
 
+def test_of_messages_in_turn_what_all_have_is_a_column():
+    """The first has two sensors, the second none: there are rates of both, and no temperatures."""
+    sensors = [
+        {"name": f"t{k}", "at": 2 * k + 2, "type": "i16", "unit": "degC", "role": "temp"} for k in (1, 2)
+    ]
+    data = {
+        "schema": 1, "name": "unit", "title": "messages in turn", "frame": {"endian": "big", "length": 10},
+        "message": ["one", "two"],
+        "field": [{"name": "rate_x", "axis": "x", "at": 2, "type": "i16", "unit": "deg/s", "role": "rate"}],
+        "variant": [{"name": "one", "sync": "A501", "field": sensors}, {"name": "two", "sync": "A502"}],
+    }  # fmt: skip
+    for order in (1, -1):
+        kind = config(data | {"message": data["message"][::order]})
+        rows = b"".join(b"\xa5" + bytes([1 + k % 2]) + struct.pack(">hhh2x", k, 20, 30) for k in range(4))
+        columns = Frames.decoder(kind).feed(rows).columns
+        assert Frames.rates(kind, columns, 100.0)["x"].tolist() == [0, 1, 2, 3]
+        assert Frames.temperatures(kind, columns, 100.0) == {}
+
+
 def line_description(**field):
     return {
         "schema": 1, "name": "lines", "title": "lines of a test", "frame": {},

@@ -5,10 +5,13 @@ from __future__ import annotations
 import copy
 import struct
 
+import numpy as np
 import pytest
 
-from drivers.frames import reader_of
+from drivers.frames import FrameDecoder, FrameEncoder, reader_of
 from drivers.frames._load import family_from
+from drivers.frames._model import FieldSection
+from drivers.frames._read import FieldCodec
 from drivers.kvh.format import temperature_field
 from tests.drivers.test_decoders_by_hand import FRAME, described
 from tests.drivers.test_descriptions_by_hand import SIZES, refusal
@@ -185,3 +188,111 @@ def test_a_mistake_in_a_list_is_told_by_number_and_name():
     data["field"] = [data["field"][0]]
     data["frame"]["checksum"] = {"kind": "crc99", "ranges": [[0, -2]], "at": -2}
     assert "frame.checksum" in refusal(lambda: family_from(data, "unit"))
+
+
+def test_the_status_of_a_frame_is_its_status_field():
+    data = copy.deepcopy(FRAME)
+    data["field"] += [
+        {"name": "spare", "at": 8, "type": "u8"},
+        {"name": "word", "at": 9, "type": "u16", "role": "status"},
+    ]
+    frames = [
+        b"\xa5\x5a" + struct.pack(">iHBHx", 1, k, 99, word) for k, word in enumerate((0x1234, 0, 0xFFFF))
+    ]
+    found = FrameDecoder(family_from(data, "unit"), rate_hz=100.0, axes="x").feed(b"".join(frames)).columns
+    assert found["status"].tolist() == [0x1234, 0, 0xFFFF]
+
+
+@pytest.mark.parametrize("value", [0, 1])
+def test_an_angle_that_goes_on_counts_when_its_bit_says_so(value):
+    angle = {"name": "angle", "axis": "x", "at": 2, "type": "u32", "unit": "deg", "role": "cumulative_angle",
+             "valid": {"field": "flags", "bit": 6, "value": value}}  # fmt: skip
+    data = FRAME | {"field": [angle, FRAME["field"][1], {"name": "flags", "at": 8, "type": "u8"}]}
+    frames = [
+        b"\xa5\x5a" + struct.pack(">IHB3x", 5 * k * k, k, flags)
+        for k, flags in enumerate((0, 0, 64, 191, 64))
+    ]
+    found = FrameDecoder(family_from(data, "unit"), rate_hz=100.0, axes="x").feed(b"".join(frames)).columns
+    assert found["angle"][1:].tolist() == [5, 15, 25, 35]
+    good = [False, True, False, True, False] if value == 0 else [False, False, True, False, True]
+    assert found["valid"].tolist() == good  # of the first nobody knows what was turned
+
+
+def test_a_clock_in_seconds_is_written_as_it_is_and_goes_round():
+    clock = {"name": "clock", "at": 8, "type": "f32", "unit": "s"}
+    data = FRAME | {
+        "field": [*FRAME["field"], clock],
+        "counter": {"field": "clock", "ticks_per_s": 100, "modulo": 1000},
+    }
+    family = family_from(data, "unit")
+    sent = FrameEncoder(family, "unit").encode(3, {"clock": [1.25, 9.75, 10.5], "rate_x": 1.0})
+    assert [struct.unpack_from(">f", sent, 12 * k + 8)[0] for k in range(3)] == [1.25, 9.75, 0.5]
+
+
+@pytest.mark.parametrize("falling", [False, True])
+def test_a_transform_of_one_bit_is_turned_round(falling):
+    curve = {"kind": "table", "xs": [0, 1], "ys": [7.0, 5.0] if falling else [5.0, 7.0]}
+    field = FieldSection(name="f", at=0, type="u8", bits=(3, 1), transform=curve)
+    codec = FieldCodec(field, 8, "big")
+    assert codec.unphysical(np.array([5.0, 7.0])).tolist() == ([1, 0] if falling else [0, 1])
+
+
+def test_every_field_out_of_its_frame_is_named():
+    data = copy.deepcopy(FRAME)
+    data["field"] += [
+        {"name": "before", "at": -13, "type": "u8"},
+        {"name": "beyond", "at": 12, "type": "u8"},
+        {"name": "on_another", "at": 6, "type": "u8"},
+    ]
+    said = refusal(lambda: family_from(data, "unit"))
+    for name in ("before", "beyond", "on_another"):
+        assert f"field {name!r}.at" in said
+    assert "bytes -1 to 0" in said and "bytes 12 to 13" in said
+    described({"name": "last", "at": -1, "type": "u8"}, {"name": "earlier", "at": -4, "type": "u8"})
+
+
+@pytest.mark.parametrize(("div", "right"), [(0.5, True), (0, False), (-0.5, False), (1e300, True)])
+def test_numbers_are_divided_by_something_above_zero(div, right):
+    field = {"name": "more", "at": 8, "type": "u8", "scale": {"div": div}}
+    if right:
+        described(field)
+    else:
+        assert "scale.div" in refusal(lambda: described(field))
+
+
+@pytest.mark.parametrize(("columns", "right"), [(1, True), (100, True), (0, False), (101, False)])
+def test_a_line_has_from_1_to_100_columns(columns, right):
+    data = {
+        "schema": 1, "name": "lines", "title": "lines of a test", "frame": {},
+        "line": {"start": "$A", "columns": columns},
+        "field": [{"name": "rate_z", "axis": "z", "at": 0, "type": "f64", "unit": "deg/s", "role": "rate"}],
+    }  # fmt: skip
+    if right:
+        family_from(data, "here")
+    else:
+        assert "line.columns" in refusal(lambda: family_from(data, "here"))
+
+
+def test_of_a_line_without_an_end_the_last_1024_bytes_are_kept():
+    data = {
+        "schema": 1, "name": "lines", "title": "lines of a test", "frame": {},
+        "line": {"start": "$A", "columns": 1},
+        "field": [{"name": "rate_z", "axis": "z", "at": 0, "type": "f64", "unit": "deg/s", "role": "rate"}],
+    }  # fmt: skip
+    reader = reader_of(family_from(data, "here"))
+    for size in (1000, 24, 1, 5000):
+        reader.feed(b"x" * size)
+        assert reader.pending == min(1024, reader.counts.bytes_skipped + reader.pending)
+    assert reader.pending == 1024 and reader.counts.bytes_skipped == 6025 - 1024
+    (message,) = reader.feed(b"\n$A1.5\n")
+    assert message.columns()["rate_z"].tolist() == [1.5]
+    assert reader.counts.bytes_skipped == 6026 and reader.pending == 0
+
+
+def test_a_frame_told_by_its_last_byte_is_there_with_it():
+    data = copy.deepcopy(FRAME)
+    data["frame"]["match"] = [{"at": 11, "equals": "7F"}]
+    reader = reader_of(family_from(data, "unit"))
+    (message,) = reader.feed(b"\xa5\x5a" + struct.pack(">iH3x", 7, 1) + b"\x7f")
+    assert message.rows.shape == (1, 12)
+    assert reader.feed(b"\xa5\x5a" + struct.pack(">iH3x", 7, 1) + b"\x7e") == []

@@ -244,3 +244,30 @@ def test_a_beginning_at_the_end_is_waited_for_behind_any_number_of_frames(count:
             got += sum(len(piece.ends) for piece in ours.feed(chunk))
         assert got == count + 1
         assert ours.counts.bytes_skipped == count
+
+
+def two_kinds() -> StreamSplitter:
+    """Frames of 4 bytes that begin with A5, and of 40 that begin with 01."""
+    short, long = (Pattern(places(head), 1) for head in (b"\xa5", b"\x01"))
+    return StreamSplitter(
+        [Kind((short,), lambda _: additive, 4, 4), Kind((long,), lambda _: additive, 40, 40)]
+    )
+
+
+ENDS_IN_A_BEGINNING, OTHER = b"\xa5\x01\x01\x01", b"\xa5\x00\x00\x03"
+
+
+@pytest.mark.parametrize("before", [b"\x07", (OTHER + b"\x07") * 400])
+def test_a_beginning_in_the_last_byte_of_a_frame_does_not_hold_up_the_frame_that_follows(
+    before: bytes,
+) -> None:
+    """That beginning, of a long frame, is waited for if something else follows; a whole frame goes before it."""
+    frames = before.count(OTHER)
+    for between, more in ((b"", 2), (b"\x07", 1), (b"\x07\x07", 1)):
+        got = sum(
+            len(piece.ends) for piece in two_kinds().feed(before + ENDS_IN_A_BEGINNING + between + OTHER)
+        )
+        assert got == frames + more
+    ours = two_kinds()
+    assert sum(len(piece.ends) for piece in ours.feed(before + ENDS_IN_A_BEGINNING)) == frames + 1
+    assert sum(len(piece.ends) for piece in ours.feed(OTHER)) == 1
