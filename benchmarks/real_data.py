@@ -43,6 +43,11 @@ _MPU = LookOptions(units=["g?=0.00763359 deg/s", "a?=0.061035 mg"])
 _SUNSIDED = "sunsided/sensor-fusion@f16045a9d1d4f9037a183f436fe3c098a38ad99d:data/set-1/"
 
 
+_GNSS_OF_NAVEGO = (
+    "rodralez/NaveGo@550d90660dceddf70af8957f1fdc988eb763a315:examples/real-data/ekinox_gnss.mat"
+)
+
+
 @dataclass(frozen=True)
 class Said:
     """One statement: what is known, by whom, what was said, and whether it is right."""
@@ -378,6 +383,84 @@ def names_in_a_comment(path: Path) -> Iterator[Said]:
     )
 
 
+def moved_along(path: Path) -> Iterator[Said]:
+    found = look(path)
+    kinds = {axis.channel.kind for axis in found.axes}
+    yield Said(
+        "three gyros; their rates are as large as gravity by chance",
+        "its name",
+        ", ".join(kinds),
+        kinds == {"gyro"},
+    )
+    largest = max((abs(turn.angle) for turn in found.motion.turns), default=0.0)
+    yield Said("moved along x by hand", "its readme", f"turns by {largest:.0f} deg at most", largest < 20.0)
+
+
+def three_attitudes(path: Path) -> Iterator[Said]:
+    found = look(path, LookOptions(rate_hz=1200.0))
+    units = {(axis.channel.kind, axis.channel.unit) for axis in found.axes}
+    yield Said(
+        "accelerometers in m/s^2",
+        "its readme and program",
+        ", ".join(" ".join(unit) for unit in units),
+        units == {("accelerometer", "m/s^2")},
+    )
+    rests = found.motion.rests_s
+    yield Said("lies still with each axis up in turn", "its readme", f"{len(rests)} rests", len(rests) == 3)
+
+
+def flight_computer(path: Path) -> Iterator[Said]:
+    found = look(path)
+    kinds = {axis.channel.name: axis.channel.kind for axis in found.axes}
+    right = kinds == {f"c{n}": "accelerometer" if n < 5 else "gyro" for n in range(2, 8)}
+    yield Said(
+        "no header; time, three accelerometers in m/s^2, three gyros, six more",
+        "a file beside it",
+        ", ".join(f"{name} {kind}" for name, kind in kinds.items()),
+        right and found.clock.known,
+    )
+    first = found.motion.turns[0].start_s if found.motion.turns else math.nan
+    yield Said(
+        "rests for about 50 s, then moved about 30 times",
+        "a file beside it",
+        f"first turn at {first:.0f} s, {len(found.motion.turns)} turns",
+        abs(first - 50.0) < 5.0 and 20 <= len(found.motion.turns) <= 40,
+    )
+
+
+def rests_between_turns(path: Path) -> Iterator[Said]:
+    found = look(path, LookOptions(rate_hz=100.0))
+    kinds = [axis.channel.kind for axis in found.axes]
+    yield Said(
+        "no header; accelerometers, then gyros",
+        "its authors' program",
+        ", ".join(dict.fromkeys(kinds)),
+        {axis.channel.name: axis.channel.kind for axis in found.axes}
+        == {f"c{n}": "accelerometer" if n < 4 else "gyro" for n in range(1, 7)},
+    )
+    rests = len(found.motion.rests_s)
+    yield Said(
+        "stands still after each of its turns",
+        "its authors",
+        f"{rests} rests, {len(found.motion.turns)} turns",
+        rests >= 10 and len(found.motion.turns) >= 10,
+    )
+
+
+def no_inertial_sensor(path: Path) -> Iterator[Said]:
+    try:
+        look(path)
+    except ConfigurationError as error:
+        yield Said(
+            "positions and velocities, no gyro",
+            "names of its columns",
+            f"refused: {error.what}",
+            "no gyro" in error.what,
+        )
+    else:
+        yield Said("positions and velocities, no gyro", "names of its columns", "gyros", False)
+
+
 RECORDINGS = (
     Recording(
         "Ring-laser IMU in a parked vehicle", "rlg_psins_vehicle_static/lasergyro.imu", "BSD-2", ring_laser
@@ -467,6 +550,49 @@ RECORDINGS = (
         "BSD-2",
         names_in_a_comment,
         "e59507292ee7d46af28be6c754bbb005c4eaa456888f382d7fc21da19a80921f",
+    ),
+    Recording(
+        "MPU-6050 moved by hand",
+        f"{_SUNSIDED}pan-x-pointing-forward/mpu6050_gyroscope.mat",
+        "EUPL-1.2",
+        moved_along,
+        "eba19d7015b672608492116289e856f2781e7e2323d027d10814f93406f377e1",
+    ),
+    Recording(
+        "Accelerometers on three sides",
+        "Maskul93/MIMU-calib-tutorial@2926f70d8dda0fd4ee647b9aca09294f5b994017:data/acc_triax.mat",
+        "none stated",
+        three_attitudes,
+        "e5985fc331f56cc5ef8c9dc300e37912fa5590f4dfc6141c0b28b16f5a7bdcc2",
+    ),
+    Recording(
+        "Flight computer turned by hand",
+        "SunDevilRocketry/IMU-Calibration@dc1ed4d6b219e50b936385c617674022b7c3e01b:"
+        "Rev2_IMU_Data/IMU_Rev2_Data_Long.txt",
+        "none stated",
+        flight_computer,
+        "43d5e70a50a0ce90d954d79bb90438cdc014884dc55a0dda9b5fc9ce3747709e",
+    ),
+    Recording(
+        "MPU-9150 turned and left alone",
+        "mikoff/imu-calib@12dff577725dbc7bd7161431e4142b6249395fec:data/imu0.log",
+        "MIT",
+        rests_between_turns,
+        "b99da3fe9018966b1cd37cb26426f9c0b57be6fe84f33614b649f40246f3de01",
+    ),
+    Recording(
+        "Position of a phone",
+        "timdrysdale/imu-data@8fbb3dbb00d34d876939328868764282f3a5c3a4:00/Location.csv",
+        "AGPL-3.0",
+        no_inertial_sensor,
+        "543c6973147d85b96602da5008d377efd0471e35e149a406530232a7518853da",
+    ),
+    Recording(
+        "GNSS receiver",
+        _GNSS_OF_NAVEGO,
+        "LGPL-3.0",
+        no_inertial_sensor,
+        "13f8a2611ad6df24cb875593dac00702b31cb9125e69eb6ebd9b2c276a9bcd9c",
     ),
 )
 

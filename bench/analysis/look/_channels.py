@@ -33,12 +33,16 @@ _OTHERWISE = re.compile(
     r"(^|[_ ])dt$|integral|interval|clip|relative|packet|_id$"
 )
 """Columns that are none of these in spite of their names or units."""
-_NAVIGATION = re.compile(
-    r"(^|[_. ])(lat(itude)?|lon(gitude)?|lng|alt(itude)?|h(gt|eight)?|north|east|down|pos\w*|vel\w*|v[_ ]?[ned]|"
-    r"roll|pitch|yaw|heading|course|azimuth|phi|psi|q[_ ]?[0-3wxyz]|quat\w*|dcm\w*|euler\w*|element)"
-    r"([_ ]?(deg|rad|m|[xyzned0-9]))*(\W.*)?$"
+_NAMELESS = re.compile(r"[a-z]|(.*[_. ])?[a-z]*[ _:.]*\d+|")
+"""Names that may say nothing: a letter, a number, a word with a number, as of a matrix in a file; and none."""
+_TELLING = re.compile(
+    r"vel|pos|dcm|quat|euler|element|lat|lon|alt|speed|ang|std|cov|mag|press|volt|curr|(^|[_. ])q\d"
 )
-"""Position, velocity and attitude by name: nothing that a gyro or an accelerometer sends."""
+"""Words of other things that they may have."""
+_OTHER_LOG = re.compile(
+    r"mag(n|_|$)|compass|gps|gnss|location|position|attitude|orient|quat|euler|rotation|baro|pressure"
+)
+"""Logs of something else, by their name."""
 _WITHOUT_GRAVITY = re.compile(r"lin(ear)?[_ ]?acc|gravity|user|free[_ ]?acc")
 """A phone's accelerations of these names are a filter's, where it has an accelerometer beside them."""
 _COUNTER = re.compile(r"sample|row|index|count|^n$|^i$|frame|seq|packet")
@@ -131,7 +135,7 @@ def assign(
         name for name, unit in units.items() if not any(scale_of(q, unit) for q in ("time", *_INERTIAL))
     ]
     if not {GYRO, ACCELEROMETER, TEMPERATURE} & set(kinds.values()) and not set(foreign) & set(columns):
-        kinds |= _by_values(columns, _kind_of(log_name), remarks) | said
+        kinds |= _by_values(columns, log_name.lower(), remarks) | said
     guessed_gyros = NOBODY_KNOWS in kinds.values()
     kinds = {name: GYRO if kind == NOBODY_KNOWS else kind for name, kind in kinds.items()}
     known = {name: _known(name, kinds[name], units, said_units, remarks) for name in columns}
@@ -219,24 +223,34 @@ def _axes(names: Sequence[str]) -> list[str]:
     return [*"xyz"] * (len(names) // 3) if not any(axes) and len(names) in (3, 6) else axes
 
 
-def _by_values(columns: Mapping[str, Array], log_kind: str, remarks: list[str]) -> dict[str, str]:
+def _by_values(columns: Mapping[str, Array], log_name: str, remarks: list[str]) -> dict[str, str]:
     """Say what columns without telling names are: a time grows, three accelerometers have the norm of gravity.
 
-    `log_kind`: what the log's own name says, of three columns beside a time.
+    The log's name says what three columns beside a time are, or that they are none of these. A column with a name
+    of its own that says something else is nothing here.
     """
     kinds: dict[str, str] = {}
-    others = (_NAVIGATION, _OTHERWISE)
-    names = [name for name in columns if not any(other.search(name.lower()) for other in others)]
-    if not names:
+    names = [
+        name for name in columns if _NAMELESS.fullmatch(name.lower()) and not _TELLING.search(name.lower())
+    ]
+    if 2 * len(names) < len(columns):
+        return kinds
+    log_kind = "other" if _OTHER_LOG.search(log_name) else _kind_of(log_name)
+    if log_kind == "other":
         return kinds
     if _grows(columns[names[0]]):
         kinds[names.pop(0)] = TIME
+    if log_kind == TEMPERATURE:
+        return kinds | dict.fromkeys(names, TEMPERATURE)
     few = len(names) in (3, 6, 7)
     triples = [names[k : k + 3] for k in range(0, len(names) - 2, 3)][: None if few else 2]
     if not few and len(names) < 9:  # of many columns gyros and accelerometers are the first
         triples = []
-    heavy = [triple for triple in triples if _accelerometer_unit(columns, triple)]
-    other = log_kind if len(triples) == 1 and log_kind != TIME else GYRO if len(heavy) == 1 else ""
+    if len(triples) == 1 and log_kind in (GYRO, ACCELEROMETER):
+        heavy = triples if log_kind == ACCELEROMETER else []
+    else:
+        heavy = [triple for triple in triples if _accelerometer_unit(columns, triple, all_the_time=True)]
+    other = GYRO if len(heavy) == 1 or (len(triples) == 1 and log_kind == GYRO) else ""
     if triples and (other or (few and heavy == triples)):
         for triple in triples:
             kinds |= dict.fromkeys(triple, ACCELEROMETER if triple in heavy else other)
@@ -282,18 +296,22 @@ def _guessed_unit(kind: str, columns: Mapping[str, Array], names: Sequence[str])
     return _accelerometer_unit(columns, names) if kind == ACCELEROMETER else ""
 
 
-def _accelerometer_unit(columns: Mapping[str, Array], names: Sequence[str]) -> str:
-    """Return the unit in which the usual norm of three columns is that of gravity, "" if none."""
+def _accelerometer_unit(
+    columns: Mapping[str, Array], names: Sequence[str], *, all_the_time: bool = False
+) -> str:
+    """Return the unit in which the usual norm of three columns is that of gravity, "" if none.
+
+    `all_the_time`: half of the norms around the median are, too; rates have such a norm by chance only.
+    """
     if len(names) != 3:
         return ""
     norms = np.sqrt(sum(columns[name][:1_000_000] ** 2 for name in names))
-    norm = float(np.nanmedian(norms))
+    low, norm, high = np.nanquantile(norms, [0.25, 0.5, 0.75]).tolist()
     if np.nanmax(norms) - np.nanmin(norms) < _UNIT_VECTOR * norm:
         return ""  # a direction, not a measurement
-    for unit, size in (("m/s^2", STANDARD_GRAVITY_MPS2), ("g", 1.0), ("mg", 1e3)):
-        if abs(norm / size - 1.0) < _G_NEAR:
-            return unit
-    return ""
+    near = (low, norm, high) if all_the_time else (norm,)
+    units = (("m/s^2", STANDARD_GRAVITY_MPS2), ("g", 1.0), ("mg", 1e3))
+    return next((unit for unit, size in units if all(abs(n / size - 1.0) < _G_NEAR for n in near)), "")
 
 
 def _grows(values: Array, *, named: bool = False) -> bool:

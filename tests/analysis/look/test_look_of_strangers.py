@@ -210,3 +210,30 @@ def test_one_letter_alone_is_no_gyro(tmp_path):
     assert [axis.channel.name for axis in look(path).axes][:3] == ["p", "q", "r"]
     np.savetxt(path, values[:, [0, 2, 4, 5, 6]], "%.7f", ",", header="t,q,ax,ay,az", comments="")
     assert [axis.channel.name for axis in look(path).axes] == ["ax", "ay", "az"]
+
+
+def test_rates_as_large_as_gravity_are_those_of_gyros_where_the_log_is_called_so(tmp_path):
+    """Turned by hand at some 10 deg/s: the norm is that of gravity now and then, and not all the time."""
+    size = np.abs(np.sin(0.4 * TIME)) * 20.0
+    rates = size[:, None] * np.array([0.1, 0.2, 0.97]) + GYROS
+    for name, kinds in (("mpu_gyroscope.txt", {"gyro"}), ("log.txt", {"gyro"}), ("mpu_compass.txt", set())):
+        path = tmp_path / name
+        np.savetxt(path, np.column_stack([TIME, rates]), "%.7f")
+        if kinds:
+            assert {axis.channel.kind for axis in look(path).axes} == kinds
+        else:
+            with pytest.raises(ConfigurationError, match="no gyro and no accelerometer"):
+                look(path)
+
+
+def test_columns_that_say_something_else_are_not_taken_for_gyros(tmp_path):
+    """A phone's positions: their accuracies have the norm of gravity in mg, by chance."""
+    rng = np.random.default_rng(8)
+    names = (
+        "time,seconds_elapsed,bearingAccuracy,speedAccuracy,verticalAccuracy,horizontalAccuracy,speed,bearing"
+    )
+    values = np.column_stack([TIME, 1000.0 + 0 * TIME, *rng.uniform(0.0, 9.0, (6, ROWS))])
+    path = tmp_path / "phone.csv"
+    np.savetxt(path, values, "%.6f", ",", header=names, comments="")
+    with pytest.raises(ConfigurationError, match="no gyro and no accelerometer"):
+        look(path)
