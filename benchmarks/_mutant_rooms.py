@@ -46,13 +46,16 @@ ROOMS: dict[str, tuple[Part, ...]] = {
     "recording": (
         _part(
             "bench/record/recording/_timing",
-            "tests/record/recording/test_timing_by_hand test_timing test_reading test_decode test_recording_kvh",
+            "tests/record/recording/test_timing_by_hand test_files_by_hand test_timing test_reading test_decode",
+            "tests/record/recording/test_recording_kvh",
         ),
-        _part("bench/record/recording/_remote", "tests/record/recording/test_object_storage"),
+        _part(
+            "bench/record/recording/_remote", "tests/record/recording/test_files_by_hand test_object_storage"
+        ),
         _part(
             "bench/record/recording/*",
             "tests/record/recording/test_journal test_events test_reading test_runs test_arrow test_decode",
-            "tests/record/recording/test_reading_by_hand test_recording_kvh",
+            "tests/record/recording/test_reading_by_hand test_files_by_hand test_recording_kvh",
             "tests/record/recording/test_recover test_journal_threads",
             "tests/reliability/test_power_cut",
             "tests/record/recording/test_object_storage",
