@@ -155,18 +155,21 @@ ROOMS: dict[str, tuple[Part, ...]] = {
     "gap": (
         _part(
             "bench/analysis/gap/_channel*",
-            "tests/analysis/gap/test_gap_channel_parts_by_hand test_gap_rows_by_hand test_gap_edges",
+            "tests/analysis/gap/test_gap_channel_parts_by_hand test_gap_rows_by_hand test_gap_signals_by_hand",
+            "tests/analysis/gap/test_gap_edges",
             "tests/analysis/gap/test_gap_by_hand test_gap_folders_by_hand test_gap_channels",
             "tests/analysis/gap/test_gap_modelled_channels test_gap_recording",
             "tests/analysis/gap/test_gap_one_diagnosis test_gap_platform test_gap_systems",
         ),
         _part(
             "bench/analysis/gap/_position",
-            "tests/analysis/gap/test_gap_sets_by_hand test_gap_platform test_gap_one_diagnosis",
+            "tests/analysis/gap/test_gap_signals_by_hand test_gap_sets_by_hand test_gap_platform",
+            "tests/analysis/gap/test_gap_one_diagnosis",
         ),
         _part(
             "bench/analysis/gap/_import _run_folder _data _model_file _recordings",
-            "tests/analysis/gap/test_gap_rows_by_hand test_gap_closing_by_hand test_gap_edges test_gap_by_hand",
+            "tests/analysis/gap/test_gap_rows_by_hand test_gap_closing_by_hand test_gap_signals_by_hand",
+            "tests/analysis/gap/test_gap_edges test_gap_by_hand",
             "tests/analysis/gap/test_gap_folders_by_hand test_gap_cells test_gap_import",
             "tests/analysis/gap/test_gap_systems test_gap_diagnosis test_gap_commands",
         ),
@@ -196,7 +199,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         _part(
             "bench/analysis/gap/*",
             "tests/analysis/gap/test_gap_judgements_by_hand test_gap_verdicts_by_hand test_gap_curves_by_hand",
-            "tests/analysis/gap/test_gap_closing_by_hand test_gap_rows_by_hand",
+            "tests/analysis/gap/test_gap_closing_by_hand test_gap_rows_by_hand test_gap_signals_by_hand",
             "tests/analysis/gap/test_gap_edges test_gap_by_hand test_gap_spectra_by_hand",
             "tests/analysis/gap/test_gap_folders_by_hand test_gap_sets_by_hand test_gap_fit test_gap_cells",
             "tests/analysis/gap/test_gap_close test_gap_doubt test_gap_learn test_gap_aliases",
