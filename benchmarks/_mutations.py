@@ -81,15 +81,23 @@ def change(mutant: Mutant) -> str:
 
 
 def statement(mutant: Mutant) -> range:
-    """Return the lines of the innermost statement that the mutant stands in, up to its line."""
-    first = 1
+    """Return the lines of the innermost statement that the mutant stands in, up to its line.
+
+    Of a condition in brackets on lines of its own only these are seen to be executed.
+    """
+    first, upto = 1, mutant.line
     for node in ast.walk(_tree(mutant.file)):
         if isinstance(node, ast.stmt | ast.excepthandler | ast.match_case):
             last = node.pattern if isinstance(node, ast.match_case) else node
             start = last.lineno
-            if start <= mutant.line <= (last.end_lineno or start):
-                first = max(first, start)
-    return range(first, mutant.line + 1)
+            if first <= start <= mutant.line <= (last.end_lineno or start):
+                first = start
+                upto = (
+                    max(mutant.line, node.test.lineno)
+                    if isinstance(node, ast.If | ast.While)
+                    else mutant.line
+                )
+    return range(first, upto + 1)
 
 
 @cache

@@ -70,6 +70,18 @@ def test_a_line_within_a_statement_is_that_of_the_statement():
     assert list(_mutations.statement(mutant(4))) == [3, 4]
 
 
+def test_a_condition_in_brackets_is_executed_where_it_begins(tmp_path):
+    """Of `if (` alone on its line nothing tells that it was executed."""
+    (tmp_path / "m.py").write_text("def f(x):\n    while (\n        x\n        > 1\n    ):\n        x -= 1\n")
+    _mutations._tree.cache_clear()
+    assert [list(_mutations.statement(mutant(line))) for line in (2, 3, 4, 6)] == [
+        [2, 3],
+        [2, 3],
+        [2, 3, 4],
+        [6],
+    ]
+
+
 def test_what_is_executed_at_import_asks_all():
     assert sorted(CLEAN.order(mutant(1))) == sorted(CLEAN.order(mutant(4))) == sorted(CLEAN.seconds)
     assert CLEAN.at_import(mutant(4)) and not CLEAN.at_import(mutant(6))

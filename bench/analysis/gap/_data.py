@@ -108,7 +108,6 @@ def _check_copies(repeats: Sequence[GapRun]) -> None:
 
 def _check_run(run: GapRun) -> None:
     s = run.stimulus
-    missing = run.missing.mean() if len(run.output_dph) else 1.0
     finite = all(np.isfinite(each).all() for each in (s.t_in_c, s.t_out_c, s.angle_deg, s.elevation_deg))
     if len(s) != len(run.output_dph) or len(s.angle_deg) != len(s) + 1 or len(run.phase) != len(s):
         raise ConfigurationError("the arrays of a run differ in length", where=run.run_id)
@@ -116,7 +115,7 @@ def _check_run(run: GapRun) -> None:
         raise ConfigurationError(
             "the run is too short", where=run.run_id, found=f"{len(s)} samples", expected=f"{SHORTEST}"
         )
-    if missing > MOST_MISSING:
+    if (missing := run.missing.mean()) > MOST_MISSING:
         raise ConfigurationError(
             "too much of the output is missing",
             where=run.run_id,

@@ -58,7 +58,7 @@ from drivers.base.errors import ConfigurationError
 from simulators.effects import ChannelEffect, catalogue
 from tests.analysis.gap.conftest import effect, made_run, stimulus
 from tests.analysis.gap.test_gap_by_hand import air
-from tests.analysis.gap.test_gap_edges import mark
+from tests.analysis.gap.test_gap_edges import lines, mark
 from tests.safety.test_takeover import DEMO
 
 WHITE = Noise(0.004)
@@ -186,6 +186,7 @@ def test_places_are_cells_that_repeats_share_clear_ones_first_by_size():
     assert [place.share for place in found] == pytest.approx([1000 / 1450, 450 / 1450, 0.0, 0.0])
     assert found[1].rms == pytest.approx(math.sqrt(450.0 * 4.0 / 500)) and found[1].energy_ratio == 10.0
     assert found[3].rms == 0.0 and found[0].rms == pytest.approx(math.sqrt(1000.0 / 500))
+    assert {place.start_s for place in found} == {0.0}  # cells are of whole runs
     unsure = replace(EXACT, sigma=np.full(len(BANDS), 1.0))
     assert [place.clear for place in places(cells, left, unsure)] == [True, False, False, False]
     assert holm(np.array([0.01, 0.4, 0.02])).tolist() == pytest.approx([0.03, 0.4, 0.04])
@@ -280,6 +281,35 @@ def test_an_exams_folder_has_its_plan_and_a_line_for_every_case_marked(monkeypat
             list(_exam_folder.hold_exam(cases, seed, tmp_path / "c"))
     with pytest.raises(ConfigurationError, match="no exam's results"):
         _exam_folder.read_exam(tmp_path)
+
+
+def test_of_stochastic_cases_those_are_right_that_name_nothing_else():
+    """And of cases with a known and an unknown effect those that report both."""
+    noise = {"effects": (), "stochastic": "noise_level", "snr": 0.0, "causes": {}}
+    named = ("noise_level",)
+    found = lines(
+        mark("stochastic", **noise, stochastic_named=named),
+        mark("stochastic", **noise | {"causes": {"shupe": 0.9}}, stochastic_named=named),
+        mark("stochastic", **noise, stochastic_named=named, unknown=0.6),
+        mark("stochastic", **noise, stochastic_named=(*named, "quantisation")),
+        mark("stochastic", **noise),
+        mark("known and unknown", 5.0, ("shupe", "strange"), unknown=0.6),
+        mark("known and unknown", 5.0, ("shupe", "strange"), unknown=0.4),
+        mark("known and unknown", 5.0, ("shupe", "strange"), {"warm_up": 0.9}, unknown=0.6),
+        mark("null", 0.0, (), {}), mark("null", 0.0, (), {}, stochastic_named=named),
+        mark("null", 0.0, (), {}, unknown=0.6), mark("null", 0.0, (), {"shupe": 0.9}),
+        mark("unknown", 20.0, ("strange",), {}, unknown=0.6), mark("unknown", 20.0, ("strange",)),
+    )  # fmt: skip
+    by_kind = {
+        what.split(":")[0]: hits
+        for (what, _), hits in found.items()
+        if what.split(":")[0] in ("stochastic", "null", "known and unknown")
+    }
+    assert by_kind == {"stochastic": (1, 5), "null": (3, 4), "known and unknown": (1, 3)}
+    outside = {what: hits for (what, _), hits in found.items() if what.startswith("outside")}
+    assert outside == {
+        "outside the catalogue: called unknown": (1, 2), "outside the catalogue: a false cause named": (1, 2),
+    }  # fmt: skip
 
 
 def test_an_exams_line_is_read_as_it_was_written():

@@ -110,7 +110,9 @@ def test_sections_begin_with_their_reference_and_the_last_ends_with_the_run(monk
         ("shock", 600.0, 900.0),
         ("wait", 900.0, 950.2),
         ("reference", 950.2, 1400.0),
-        ("shock", 1400.0, 1700.7),
+        ("shock", 1400.0, 1500.0),
+        ("reference", 1500.0, 1600.0),
+        ("shock", 1600.0, 1700.7),
     ]
     one, two = loaded(monkeypatch, Folder(to_and_fro, phases, sections=(100.3, 900.0)))
     assert [one.stimulus.time_s[0], one.stimulus.time_s[-1]] == [252.0, 900.0]

@@ -17,6 +17,7 @@ from bench.analysis.gap import (
     Noise,
     Shrinkage,
     Term,
+    _channels,
     _describe,
     _position,
     _recordings,
@@ -25,6 +26,7 @@ from bench.analysis.gap import (
 from bench.analysis.gap._causes import _rivals
 from bench.analysis.gap._channel_data import _table_demands
 from bench.analysis.gap._channels import ChannelFinding
+from bench.analysis.gap._data import check_runs, cut
 from bench.analysis.gap._disturbed import Disturbed, lines_hz
 from bench.analysis.gap._facts import diagnosis_facts, identifiable_facts, log_gap_facts
 from bench.analysis.gap._findings import Cause, Place
@@ -33,11 +35,12 @@ from bench.analysis.gap._generic import free_curves
 from bench.analysis.gap._identify import Identifiable
 from bench.analysis.gap._learn import _Fitted, _Problem, learned
 from bench.analysis.gap._model_file import ChannelTerm
+from bench.analysis.gap._noise import Periodogram
 from bench.analysis.gap._position import PositionSignal, _places, _shrinkage, _term
 from bench.analysis.gap._prepare import prepare
 from bench.analysis.gap._rate import RateFinding
 from bench.analysis.gap._rehearsal import LogGap, LogGaps
-from bench.analysis.gap._stochastic import NoiseVerdict
+from bench.analysis.gap._stochastic import NoiseVerdict, _raised, _usual
 from bench.analysis.gap._suggest import Suggestion
 from bench.analysis.gap._where import RegimePlace
 from bench.record.benchfile import load_bench_file
@@ -54,6 +57,69 @@ WHITE = Noise(0.004)
 
 def safe(device):
     return SafeState(device, "an alarm", "x")
+
+
+def test_a_channel_is_searched_where_its_gap_is_clear_and_beyond_what_its_model_claims(monkeypatch):
+    monkeypatch.setattr(_channels, "search_effects", lambda *_: "searched")
+    clear, noise = Place("", "p", "b", 1.0, 1.0, 9.0, 1e-9), Place("", "p", "b", 0.0, 0.0, 1.0, 0.5)
+    for rms, places, searched in ((2.0, [noise, clear], True), (1.0, [clear], False), (2.0, [noise], False)):
+        fields = dict.fromkeys(("cells", "floor", "effects", "terms", "weight"))
+        data = SimpleNamespace(**fields, rms=rms, accuracy=1.0, places=places, nominal="nominal")
+        found = _channels.ChannelSignal("table_rate").which(data)
+        assert found == ("searched" if searched else (["nominal"], "nominal"))
+
+
+def test_noise_is_raised_where_it_has_clearly_more_power_at_some_time_scale():
+    data = [Periodogram(np.array([0.01, 0.5]), np.ones(2), np.ones(2), period_s) for period_s in (1.0, 9.0)]
+    for factor, raised in ((1.1, False), (1.25, True), (3.0, True)):
+        assert _raised(data, Noise(factor * 0.004), WHITE) is raised
+    # a walk shows in the slowest alone
+    assert _raised(data, Noise(0.004, 0.0, 3.0), WHITE) and not _raised(data, Noise(0.004, 0.0, 1e-3), WHITE)
+    usual = _usual(Noise(0.01, 9.0, 7.0), Noise(0.004, 0.1, 0.5))
+    assert 0.004 < usual.arw_deg_per_sqrt_h < 0.006 and 0.1 < usual.bias_instability_dph < 0.2
+    assert usual.rate_random_walk_dph_per_sqrt_h == 7.0
+
+
+@pytest.mark.parametrize("part", ["t_in_c", "t_out_c", "angle_deg", "elevation_deg"])
+def test_a_run_without_a_temperature_or_an_angle_is_refused(part):
+    s = stimulus(300)
+    values = getattr(s, part).copy()
+    values[7] = np.nan
+    with pytest.raises(ConfigurationError, match="a temperature or angle is missing"):
+        check_runs([replace(run_of("r"), stimulus=replace(s, **{part: values}))])
+
+
+@pytest.mark.parametrize("part", ["output_dph", "phase", "angle_deg"])
+@pytest.mark.parametrize("by", [-1, 1])
+def test_arrays_of_a_run_are_of_one_length(part, by):
+    run = run_of("r")
+    check_runs([run])
+    if part == "angle_deg":
+        wrong = replace(run, stimulus=replace(run.stimulus, angle_deg=np.zeros(301 + by)))
+    else:
+        wrong = replace(run, **{part: np.resize(getattr(run, part), 300 + by)})
+    with pytest.raises(ConfigurationError, match="differ in length"):
+        check_runs([wrong])
+
+
+@pytest.mark.parametrize(("missing", "refused"), [(180, False), (181, True)])
+def test_three_fifths_of_a_run_may_be_missing(missing, refused):
+    run = run_of("r")
+    run = replace(run, output_dph=np.where(np.arange(300) < missing, np.nan, run.output_dph))
+    if refused:
+        with pytest.raises(ConfigurationError, match="too much of the output is missing") as told:
+            check_runs([run])
+        assert told.value.found == "60 %"
+    else:
+        check_runs([run])
+    for count, short in ((256, False), (255, True)):
+        if short:
+            with pytest.raises(ConfigurationError, match="too short"):
+                check_runs([cut(run_of("r"), count)])
+        else:
+            check_runs([cut(run_of("r"), count)])
+    with pytest.raises(ConfigurationError, match="no runs to diagnose"):
+        check_runs([])
 
 
 def test_a_demand_ends_when_its_axis_is_told_another_or_the_table_is_made_safe():
@@ -275,7 +341,9 @@ def rate_finding(**changes):
         "floor": Floor(np.ones(1), np.ones(1), True),
         "regimes": (RegimePlace("T_in", "degC", -40.0, -30.0, 0.3, 0.5, 4.0, 1e-4),),
         "unidentifiable": {"x": "why"},
-        "unknown_parts": (_describe.UnknownPart("T_in", "It follows.", at=(1.0,), term=cause("shupe").term),),
+        "unknown_parts": (
+            _describe.UnknownPart("T_in", "It follows.", unit="ppm", at=(1.0,), term=cause("shupe").term),
+        ),
         "latitude_deg": 39.1,
         "held_out": (
             Shrinkage(0.9, 0.8, 0.99, 2.0, 0.2, by_profile={"a": 0.9, "b": math.nan}, active=(True,)),
@@ -317,7 +385,12 @@ def test_facts_of_a_rate_are_its_findings_under_their_names():
         }
     ]
     assert facts["phases"][0]["phase"] == "cold" and facts["phases"][0]["start_s"] == 7.0
-    assert facts["regimes"][0]["low"] == -40.0 and "term" not in facts["unknown_parts"][0]
+    assert facts["regimes"][0]["low"] == -40.0 and facts["unknown_parts"] == [
+        {
+            "follows": "T_in", "sentence": "It follows.", "lag_s": None, "frequency_hz": None, "harmonic": 0,
+            "unit": "ppm", "at": [1.0], "curve": [],
+        }
+    ]  # fmt: skip
     held = facts["held_out"]
     assert (held["share"], held["interval_95"], held["rms_before_dph"], held["rms_after_dph"]) == (
         0.9,
