@@ -169,7 +169,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         _part(
             "bench/analysis/gap/_import _run_folder _data _model_file _recordings",
             "tests/analysis/gap/test_gap_rows_by_hand test_gap_closing_by_hand test_gap_signals_by_hand",
-            "tests/analysis/gap/test_gap_edges test_gap_by_hand",
+            "tests/analysis/gap/test_gap_maps_by_hand test_gap_edges test_gap_by_hand",
             "tests/analysis/gap/test_gap_folders_by_hand test_gap_cells test_gap_import",
             "tests/analysis/gap/test_gap_systems test_gap_diagnosis test_gap_commands",
         ),
@@ -181,7 +181,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         ),
         _part(
             "bench/analysis/gap/_information _identify _outlook _designs _simulation",
-            "tests/analysis/gap/test_gap_curves_by_hand test_gap_closing_by_hand",
+            "tests/analysis/gap/test_gap_curves_by_hand test_gap_closing_by_hand test_gap_maps_by_hand",
             "tests/analysis/gap/test_gap_folders_by_hand test_gap_sets_by_hand test_gap_edges",
             "tests/analysis/gap/test_gap_information test_gap_identify test_gap_outlook test_gap_simulation",
         ),
@@ -200,6 +200,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
             "bench/analysis/gap/*",
             "tests/analysis/gap/test_gap_judgements_by_hand test_gap_verdicts_by_hand test_gap_curves_by_hand",
             "tests/analysis/gap/test_gap_closing_by_hand test_gap_rows_by_hand test_gap_signals_by_hand",
+            "tests/analysis/gap/test_gap_maps_by_hand",
             "tests/analysis/gap/test_gap_edges test_gap_by_hand test_gap_spectra_by_hand",
             "tests/analysis/gap/test_gap_folders_by_hand test_gap_sets_by_hand test_gap_fit test_gap_cells",
             "tests/analysis/gap/test_gap_close test_gap_doubt test_gap_learn test_gap_aliases",
