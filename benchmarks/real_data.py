@@ -8,11 +8,9 @@ are fetched from where their makers published them, checked by their SHA-256 and
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import math
 import tempfile
-import urllib.request
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +22,7 @@ from bench.analysis.look import Look, LookOptions, half_differences, look, write
 from bench.analysis.rlg import load_chamber_cycle, study_chamber_cycle
 from bench.record.exchange import import_log
 from bench.record.recording import Run
+from benchmarks._fetched import CACHE, fetched
 from drivers.base.clock import host_seconds
 from drivers.base.errors import BenchError, ConfigurationError
 
@@ -72,17 +71,7 @@ class Recording:
         """Return the file, fetched if it is public; OSError if it cannot be had."""
         if not self.sha256:
             return data / self.place
-        source, _, inside = self.place.partition(":")
-        repo, _, commit = source.partition("@")
-        file = cache / f"{self.sha256[:12]}-{Path(inside).name.replace(' ', '_')}"
-        if not file.exists():
-            cache.mkdir(parents=True, exist_ok=True)
-            url = f"https://raw.githubusercontent.com/{repo}/{commit}/{inside}"
-            with urllib.request.urlopen(url, timeout=30) as answer:
-                file.write_bytes(answer.read())
-        if hashlib.sha256(file.read_bytes()).hexdigest() != self.sha256:
-            raise OSError(f"{file} is not the file that was looked at before: its SHA-256 differs")
-        return file
+        return fetched(self.place, self.sha256, cache)
 
 
 def gap_of(found: Look, axis: str, latitude_deg: float) -> str:
@@ -633,8 +622,7 @@ def page(data: Path, cache: Path) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=Path("../shared/data"), help="recordings of the project")
-    cache = Path("~/.cache/gyrobench/real_data").expanduser()
-    parser.add_argument("--cache", type=Path, default=cache, help="where fetched recordings are kept")
+    parser.add_argument("--cache", type=Path, default=CACHE, help="where fetched recordings are kept")
     parser.add_argument("--write", action="store_true", help=f"write {PAGE}")
     arguments = parser.parse_args()
     text = page(arguments.data, arguments.cache)
