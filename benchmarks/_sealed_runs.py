@@ -17,7 +17,7 @@ from bench.record.events.safe import Takeover
 from bench.record.exchange import import_log
 from bench.record.recording import EventLog, read_manifest, write_manifest
 
-_FILE = {
+FILE = {
     "bench": {"name": "sealed", "latitude_deg": 39.1},
     "table": {"driver": "acutrol3000", "port": "pty-table"},
     "chamber": {"driver": "weiss", "port": "pty-chamber"},
@@ -84,7 +84,7 @@ def _closed(folder: Path) -> Path:
         lambda _: Demands(5.0),
         text="RATE_DPS = 5.0\n",
     )
-    file = bench_file_from(_FILE)
+    file = bench_file_from(FILE)
     result = rehearse_procedure(
         procedure, Parameters(), file, Plant(seed=11), folder / "runs", run_id="closed"
     )

@@ -33,6 +33,7 @@ from bench.record.recording import (
     operators_of,
     read_events,
     read_manifest,
+    record_error,
     seal,
     units_off_s,
     write_manifest,
@@ -110,8 +111,12 @@ class RunRecord:
         return cls(folder, manifest, file.recording.flush_interval_s)
 
     def keep_procedure(self, text: str) -> None:
-        """Keep the source of a procedure that is not installed; it is sealed with the rest."""
-        (self.folder / PROCEDURE_FILE).write_text(text, encoding="utf-8")
+        """Keep the source of a procedure that is not installed, sealed with the rest. Raises RecordError."""
+        path = self.folder / PROCEDURE_FILE
+        try:
+            replace_file(path, text)
+        except OSError as error:
+            raise record_error(path, error) from error
 
     def keep_picture(self, path: Path | None, say: Callable[[str], None]) -> str | None:
         """Keep the picture of a question, if it has one; return its name in the run folder, or say why not.
@@ -216,9 +221,7 @@ class RunRecord:
         if problems:
             outcome = "aborted"
             reason = " ".join([reason, *(text for text in problems if text != str(cause))]).strip()
-        with suppress(BenchError):  # the seal below says what is on the disk
-            self._events.event(duration_s, Outcome(outcome, reason, sealed=True))
-            self._events.close()
+        outcome, reason = self._conclude(outcome, reason, duration_s)
         sealed = seal(
             self.folder,
             self._manifest,
@@ -227,7 +230,9 @@ class RunRecord:
             ended_utc=utc_now(),
             duration_s=duration_s,
             written=self._journal.written,
-            stream={name: dataclasses.asdict(stream) for name, stream in streams.items()},
+            # Without its start a stream that could not be decoded now could not be decoded ever.
+            stream=self._manifest.stream
+            | {name: dataclasses.asdict(found) for name, found in streams.items()},
         )
         warnings = [f"{name}: {text}" for name, stream in streams.items() for text in _warnings(stream)]
         warnings += [
@@ -235,6 +240,22 @@ class RunRecord:
             for name, count in sealed.repeats.items()
         ]
         return sealed, warnings
+
+    def _conclude(self, outcome: str, reason: str, duration_s: float) -> tuple[str, str]:
+        """Write the last event and close the event log; return what the run ended as and why.
+
+        A run whose end is not in its events is aborted: its seal must say nothing else than they do.
+        """
+        try:
+            self._events.event(duration_s, Outcome(outcome, reason, sealed=True))
+            self._events.sync()
+        except BenchError as error:
+            outcome, reason = "aborted", f"{reason} {error}".strip()
+            with suppress(BenchError):  # what it could not write yet goes first
+                self._events.event(duration_s, Outcome(outcome, reason, sealed=True))
+        with suppress(BenchError):
+            self._events.close()
+        return outcome, reason
 
     def _note(self, **facts: Any) -> None:
         self._manifest = self._manifest.model_copy(update=facts)
@@ -247,6 +268,8 @@ def _told(problems: list[str], what: str = "") -> Iterator[None]:
         yield
     except (BenchError, OSError) as error:
         problems.append(f"{what}{error}")
+    except MemoryError:
+        problems.append(f"{what}The computer has no memory left.")
 
 
 def decode_run(folder: Path, out: Path | None = None) -> dict[str, StreamReport]:

@@ -183,6 +183,8 @@ def _run(request: RunRequest) -> RunResult:
         if request.before_close is not None:
             with suppress(BenchError, OSError):  # what it asks may be what is gone
                 request.before_close(record.folder)
+    except MemoryError as problem:
+        outcome, error, reason = "aborted", problem, "the computer has no memory left"
     except KeyboardInterrupt as problem:  # before or after the time in which Ctrl-C asks the bench to stop
         outcome, error, reason = "aborted", problem, "stopped by Ctrl-C"
         raise

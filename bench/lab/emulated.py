@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from bench.lab._process import LabProcess
 from bench.record.benchfile import BenchFile, Emulated
 from drivers.base.errors import BenchError, ConfigurationError
-from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded
+from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded, replace_file
 from drivers.kit.config import GyroConfig, Mounting
 from simulators.config import Bearing, GyroInLab, InstrumentInLab, LabConfig, PlatformInLab, Rotation
 from simulators.faults import Fault
@@ -206,13 +206,23 @@ class EmulatedLab:
         self._lab.close()
 
     def save_truth(self, folder: Path) -> None:
-        """Keep the true drift of every emulated unit, and the faults, beside the run: for judging only."""
+        """Keep the true drift of every emulated unit, and the faults, beside the run: for judging only.
+
+        BenchError if they cannot be kept.
+        """
         for gyro in self.file.gyro:
             path = (folder / f"truth_{gyro.name}.npz").resolve()
             self.perform({"act": "truth", "unit": gyro.name, "path": str(path)})
         if struck := self.perform({"act": "struck"})["struck"]:
             lines = "".join(json.dumps(entry) + "\n" for entry in struck)
-            (folder / "truth_faults.jsonl").write_text(lines, encoding="utf-8")
+            try:
+                replace_file(folder / "truth_faults.jsonl", lines, sync=False)
+            except OSError as error:
+                raise BenchError(
+                    "what the faults did could not be kept",
+                    where=str(folder),
+                    found=error.strerror or str(error),
+                ) from error
 
     def __enter__(self) -> EmulatedLab:
         return self

@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import asdict
+from io import BytesIO
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_args
 
 import numpy as np
 
 from drivers.base.errors import ConfigurationError
+from drivers.base.files import replace_file
 from drivers.kit.config import DeviceConfig, SupplyConfig
 from drivers.kit.registry import EMULATORS, registered
 from simulators.config import Bearing, GyroInLab, InstrumentInLab, LabConfig, PlatformInLab
@@ -222,7 +224,9 @@ def _acts(plant: LabPlant, lab: Lab, chamber: Emulator) -> dict[str, Act]:
 
     def truth(request: dict[str, Any]) -> dict[str, Any]:
         """Write the true drift of a unit to an .npz file."""
-        np.savez(Path(request["path"]), allow_pickle=False, **plant.true_drift(request["unit"]))
+        packed = BytesIO()
+        np.savez(packed, allow_pickle=False, **plant.true_drift(request["unit"]))
+        replace_file(Path(request["path"]), packed.getvalue(), sync=False)
         return {}
 
     def door(request: dict[str, Any]) -> dict[str, Any]:

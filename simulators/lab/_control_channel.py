@@ -29,7 +29,7 @@ def perform(acts: Mapping[str, Act], line: bytes) -> dict[str, Any]:
         return {"ok": True, **act(request)}
     except BenchError as error:
         return {"ok": False, "error": str(error)}
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         return {"ok": False, "error": f"{type(error).__name__}: {error}"}
 
 

@@ -8,7 +8,7 @@ from bench.record.recording._decode import (
     table_name,
     units_off_s,
 )
-from bench.record.recording._events import EventLog, read_events
+from bench.record.recording._events import EventLog, read_events, record_error
 from bench.record.recording._journal import Journal, PortJournal
 from bench.record.recording._manifest import (
     DeviceEntry,
@@ -64,6 +64,7 @@ __all__ = [
     "read_manifest",
     "read_marks",
     "read_table",
+    "record_error",
     "row_means",
     "seal",
     "seal_state",

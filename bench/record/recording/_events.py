@@ -92,18 +92,28 @@ class AppendFile:
                 start = number * _PIECE_BYTES
                 if 0 <= self._told < start + _PIECE_BYTES:
                     return None
-                if zlib.crc32(os.read(self._fd, min(_PIECE_BYTES, self.size - start))) != known:
+                if zlib.crc32(self._read(min(_PIECE_BYTES, self.size - start))) != known:
                     return start
         except OSError as error:
             raise record_error(self.path, error) from error
         return None
 
+    def _read(self, count: int) -> bytes:
+        """Return the next `count` bytes, fewer at the end only: the system may hand over less than was asked."""
+        content = bytearray()
+        while len(content) < count and (piece := os.read(self._fd, count - len(content))):
+            content += piece
+        return bytes(content)
+
     def whole_to(self) -> int | None:
         """Return how many bytes are as they were written if the file is longer or shorter than that, else None.
 
-        The same loss is told once.
+        The same loss is told once. RecordError if the file cannot be asked.
         """
-        size = os.lseek(self._fd, 0, os.SEEK_END)  # cheaper than fstat
+        try:
+            size = os.lseek(self._fd, 0, os.SEEK_END)  # cheaper than fstat
+        except OSError as error:
+            raise record_error(self.path, error) from error
         whole = min(size, self.size)
         if size == self.size or 0 <= self._told <= whole:
             return None
@@ -115,7 +125,7 @@ class AppendFile:
         try:
             os.ftruncate(self._fd, size)
             os.lseek(self._fd, 0, os.SEEK_SET)
-            content = os.read(self._fd, size)
+            content = self._read(size)
         except OSError as error:
             raise record_error(self.path, error) from error
         self.size, self._told, self._sums = 0, -1, array("L")
@@ -131,10 +141,13 @@ class AppendFile:
             raise
 
     def close(self) -> None:
-        """Close the descriptor without writing; harmless when closed already."""
+        """Close the descriptor without writing; harmless when closed already. Raises RecordError."""
         if not self.closed:
-            os.close(self._fd)
-            self._fd = -1
+            descriptor, self._fd = self._fd, -1  # whatever close says, the descriptor is gone
+            try:
+                os.close(descriptor)
+            except OSError as error:
+                raise record_error(self.path, error) from error
 
 
 def record_error(path: Path, error: OSError) -> RecordError:
@@ -194,18 +207,27 @@ class EventLog:
         """Raise RecordError if lines are missing that were written; those that follow begin a line."""
         whole = self.file.whole_to()
         if whole is not None:
-            self.file.restart(self.file.path.read_bytes().rfind(b"\n", 0, whole) + 1)
+            try:
+                begun = self.file.path.read_bytes().rfind(b"\n", 0, whole) + 1
+            except OSError as error:
+                raise record_error(self.file.path, error) from error
+            self.file.restart(begun)
             raise record_error(self.file.path, OSError(errno.EIO, "lines are missing that were written"))
+
+    def sync(self) -> None:
+        """Wait until every line is on the disk; raises RecordError."""
+        self.write()
+        try:
+            self.file.sync()
+        except OSError as error:
+            raise record_error(self.file.path, error) from error
 
     def close(self) -> None:
         """Sync and close; raises RecordError."""
         if self.file.closed:
             return
         try:
-            self.write()
-            self.file.sync()
-        except OSError as error:
-            raise record_error(self.file.path, error) from error
+            self.sync()
         finally:
             self.file.close()
 
@@ -227,12 +249,19 @@ class Events:
 
 
 def read_events(folder: Path) -> Events:
-    """Read events.jsonl of a run folder; a line broken in the middle of the file raises RecordError."""
+    """Read events.jsonl of a run folder; RecordError if it cannot be read or a line in its middle is broken."""
     path = folder / EVENTS_FILE
     try:
         content = read_bounded(path, RECORD_BYTES)
     except FileNotFoundError:
         return Events(())
+    except OSError as error:
+        raise RecordError(
+            "the event log cannot be read",
+            where=str(path),
+            found=error.strerror or str(error),
+            expected="a regular file that can be read",
+        ) from error
     whole, _, torn = content.rpartition(b"\n")
     rows: list[Row] = []
     lines: list[Line] = []

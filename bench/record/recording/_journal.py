@@ -270,7 +270,10 @@ class Journal:
             except Exception as error:
                 failures.append(error)
             for file in port.files:
-                file.close()
+                try:
+                    file.close()
+                except RecordError as error:
+                    failures.append(error)
         if failures:
             raise failures[0]
 
@@ -278,7 +281,7 @@ class Journal:
         try:
             work()
         except Exception as error:
-            self._failure = error
+            self._failure = error if not isinstance(error, OSError) else record_error(self.folder, error)
 
     def _write(self) -> None:
         for port in self._ports:
@@ -296,11 +299,13 @@ class Journal:
 
 
 def _place(folder: Path) -> tuple[int, int]:
-    """Return what tells a folder from another one of its name, zeros if there is none."""
+    """Return what tells a folder from another one of its name, zeros if there is none. Raises RecordError."""
     try:
         found = folder.stat()
     except FileNotFoundError:
         return (0, 0)
+    except OSError as error:
+        raise record_error(folder, error) from error
     return (found.st_dev, found.st_ino)
 
 

@@ -206,7 +206,11 @@ def seal(folder: Path, manifest: Manifest, **ending: Any) -> Manifest:
     sealed = manifest.model_copy(update=ending)
     if not sealed.complete:
         raise RecordError("a running run cannot be sealed", where=str(folder))
-    sealed = sealed.model_copy(update={"files": checksums(folder), "seal": ""})
+    try:
+        files = checksums(folder)
+    except OSError as error:
+        raise record_error(folder, error) from error
+    sealed = sealed.model_copy(update={"files": files, "seal": ""})
     sealed = sealed.model_copy(update={"seal": hashlib.sha256(_text(sealed).encode()).hexdigest()})
     write_manifest(folder, sealed)
     return sealed

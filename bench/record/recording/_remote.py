@@ -70,7 +70,13 @@ def local_run(place: Path | str, *, everything: bool = False) -> Path:
 
 def _check_kinds(folder: Path) -> None:
     """Refuse a run with a pipe or a device in it (a link to one, too): reading it would never end."""
-    for path in (*folder.glob("*"), *(folder / RAW_FOLDER).glob("*")):
+    try:
+        paths = [*folder.glob("*"), *(folder / RAW_FOLDER).glob("*")]
+    except OSError as error:
+        raise RecordError(
+            "the run folder cannot be read", where=str(folder), found=error.strerror or str(error)
+        ) from error
+    for path in paths:
         mode = stat.S_IFREG
         with contextlib.suppress(
             OSError
