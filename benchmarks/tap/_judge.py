@@ -13,6 +13,8 @@ from pathlib import Path
 from benchmarks.tap._wire import Heard
 
 STOP_TABLE = b":mode:off"
+TURN_TABLE = b":mode:rate"
+START_CHAMBER = b"14001\xb61\xb61\xb61\r"
 STOP_CHAMBER = b"14001\xb61\xb61\xb60\r"
 AT_REST_DPS = 0.01
 _ALIGNED_BYTES = 64
@@ -47,6 +49,13 @@ def rates(heard: Sequence[Heard]) -> Iterator[tuple[float, float]]:
                     yield piece.time_s, [float(field) for field in fields][1]
                 except ValueError:
                     continue
+
+
+def moved(table: Sequence[Heard], chamber: Sequence[Heard]) -> bool:
+    """Whether the table was ever told to turn, or the chamber to start."""
+    told = [piece.data for piece in table if piece.sent]
+    started = [piece.data for piece in chamber if piece.sent]
+    return any(TURN_TABLE in data for data in told) or any(START_CHAMBER in data for data in started)
 
 
 def turning(heard: Sequence[Heard]) -> bool:

@@ -35,9 +35,11 @@ class Heard:
     data: bytes
 
 
-def read_log(path: Path, count: int) -> list[list[Heard]]:
-    """Return what passed so far at each of `count` ports."""
-    content, at = path.read_bytes(), 0
+def read_log(path: Path, count: int, start: int = 0) -> list[list[Heard]]:
+    """Return what passed so far at each of `count` ports, from byte `start` of the log on."""
+    with path.open("rb") as file:
+        file.seek(start)
+        content, at = file.read(), 0
     ports: list[list[Heard]] = [[] for _ in range(count)]
     while at + RECORD.size <= len(content):
         time_ns, port, sent, length = RECORD.unpack_from(content, at)
