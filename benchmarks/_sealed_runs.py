@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import os
 import shutil
 import zlib
 from pathlib import Path
+from unittest import mock
 
 from bench.control.procedure import Demands, Parameters, Procedure
 from bench.control.recover import recover
@@ -16,6 +18,7 @@ from bench.record.benchfile import bench_file_from
 from bench.record.events.safe import Takeover
 from bench.record.exchange import import_log
 from bench.record.recording import EventLog, read_manifest, write_manifest
+from bench.record.signing import KEY_VARIABLE, SigningKey
 
 FILE = {
     "bench": {"name": "sealed", "latitude_deg": 39.1},
@@ -55,10 +58,13 @@ phases = [{ name = "reference", start_s = 0.0 }, { name = "shock", start_s = 60.
 _TURN_S = 20.0
 
 
-def sealed_runs(folder: Path) -> dict[str, Path]:
-    """Make the runs below `folder`; return them by origin."""
-    closed = _closed(folder)
-    return {"closed": closed, "recovered": _recovered(closed, folder), "imported": _imported(folder)}
+def sealed_runs(folder: Path, key: SigningKey) -> dict[str, Path]:
+    """Make the runs below `folder`, signed by a key; return them by origin."""
+    path = folder / "bench.key"
+    key.save(path)
+    with mock.patch.dict(os.environ, {KEY_VARIABLE: str(path)}):
+        closed = _closed(folder)
+        return {"closed": closed, "recovered": _recovered(closed, folder), "imported": _imported(folder)}
 
 
 def _closed(folder: Path) -> Path:

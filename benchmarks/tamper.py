@@ -19,12 +19,14 @@ import tempfile
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from bench.control.run_record import decode_run
-from bench.record.recording import Run, read_marks, verify
+from bench.record.recording import Run, read_manifest, read_marks, seal, verify
+from bench.record.signing import PublicKey, SigningKey
 from benchmarks._sealed_runs import sealed_runs
 from benchmarks._sections import write_section
 from drivers.base.errors import BenchError
@@ -72,9 +74,12 @@ class Copy:
 
 
 def _bits(copy: Copy) -> str:
-    path = copy.file()
+    return _flip(copy, copy.file(), copy.draw.choice((1, 1, 1, 2, 8)))
+
+
+def _flip(copy: Copy, path: Path, count: int) -> str:
     data = bytearray(path.read_bytes())
-    flipped = [copy.draw.randrange(8 * len(data)) for _ in range(copy.draw.choice((1, 1, 1, 2, 8)))]
+    flipped = [copy.draw.randrange(8 * len(data)) for _ in range(count)]
     for at in set(flipped):
         data[at // 8] ^= 1 << at % 8
     path.write_bytes(data)
@@ -210,6 +215,31 @@ def _of_another(copy: Copy) -> str:
     return f"{copy.named(path)} of another run"
 
 
+def _forged(copy: Copy) -> str:
+    """Have another unit, parameter or raw byte, and make tables, checksums and seal anew, without the key."""
+    manifest = read_manifest(copy.folder)
+    units = {name: copy.draw.choice(("F7", "G8", "H9")) for name in manifest.units}
+    forged: dict[str, Any] = copy.draw.choice(
+        (
+            {"units": units},
+            {"emulated": None if manifest.emulated else {"seed": 1, "model": "x"}},
+            {"parameters": {"rate_dps": copy.draw.random()}},
+            {"started_utc": "2025-01-01T08:00:00+00:00"},
+            {},
+        )
+    )
+    done = f"{', '.join(forged)} forged"
+    if not forged:
+        path = copy.draw.choice(sorted((copy.folder / "raw").iterdir()))
+        done = _flip(copy, path, 8)
+    with suppress(BenchError):  # bytes that cannot be decoded any more: then the tables tell, too
+        decode_run(copy.folder)
+    left = {"key": "", "seal": "", "measurements": manifest.measurements}
+    seal(copy.folder, manifest.model_copy(update=left | forged), None)
+    return f"{done}, sealed anew"
+
+
+FORGED = "everything made anew, without the key"
 KINDS: dict[str, Callable[[Copy], str]] = {
     "bits flipped": _bits,
     "cut": _shorter,
@@ -222,6 +252,7 @@ KINDS: dict[str, Callable[[Copy], str]] = {
     "a file added": _added,
     "two files swapped": _swapped,
     "a file of another run": _of_another,
+    FORGED: _forged,
 }
 
 
@@ -252,10 +283,14 @@ def _read(run: Run) -> Iterator[bytes]:
         yield read_marks(path).tobytes()
 
 
-def judge(folder: Path, whole: str) -> str:
-    """Return what a changed run is: found, harmless (it reads as `whole`), or missed."""
+def judge(folder: Path, whole: str, signed_by: PublicKey | None = None) -> str:
+    """Return what a changed run is: found, harmless (it reads as `whole`), or missed.
+
+    `signed_by`: the key that it is asked to be signed by, as `runs verify --signed-by` does.
+    """
+    keys = [] if signed_by is None else [signed_by]
     try:
-        if not verify(folder, decode_run).passed:
+        if not verify(folder, decode_run, keys, must_be_signed=bool(keys)).passed:
             return FOUND
     except BenchError:
         return FOUND
@@ -276,7 +311,8 @@ def tamper(count: int, seed: int) -> dict[str, Tally]:
     """Change `count` copies of runs, drawn from `seed`; return what became of them, by kind of change."""
     draw, tallies = random.Random(seed), {kind: Tally() for kind in KINDS}
     with tempfile.TemporaryDirectory(prefix="gyrobench-tamper-") as root:
-        runs = sealed_runs(Path(root))
+        key = SigningKey.new("the bench")
+        runs = sealed_runs(Path(root), key)
         whole = {origin: reading(folder) for origin, folder in runs.items()}
         for origin, folder in runs.items():
             if judge(folder, "") != MISSED:  # one that does not verify before it is changed proves nothing
@@ -292,7 +328,7 @@ def tamper(count: int, seed: int) -> dict[str, Tally]:
             tally = tallies[kind]
             tally.tried += 1
             try:
-                verdict = judge(folder, whole[origin])
+                verdict = judge(folder, whole[origin], key.public if kind == FORGED else None)
             except Exception:
                 verdict = MISSED
                 change += " TRACEBACK " + traceback.format_exc(limit=-2).replace("\n", " ")
@@ -321,8 +357,9 @@ def main() -> int:
         "that is read through `Run` is equal bit for bit (manifest, seal, events, tables, truth, bytes and times",
         f"of the ports). Where the harmless ones were: {places}. `live/`",
         "is what the panel shows while a run goes on, `notes/` what people add later: both lie outside the seal.",
-        "One run was closed, one recovered, one imported. Checksums were not made anew: against that there are",
-        "signatures ([decision 31](../docs/decisions/0031-guards-and-seals.md)).",
+        "One run was closed, one recovered, one imported; a key had signed them. In the last row somebody",
+        "without it makes another unit, parameter or raw byte true in tables, checksums and seal: only",
+        "`verify --signed-by` finds that ([decision 31](../docs/decisions/0031-guards-and-seals.md)).",
         "",
         f"| change | folders | {' | '.join(verdicts)} |",
         "|---|---|---|---|---|",

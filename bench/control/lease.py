@@ -26,7 +26,7 @@ from bench.record.benchfile import BenchFile
 from drivers.base.clock import utc_now
 from drivers.base.errors import BenchInUse, ConfigurationError
 from drivers.base.locks import is_locked, release_lock, take_lock
-from drivers.base.system import open_flags
+from drivers.base.system import open_flags, state_folder
 
 _PSEUDO_TERMINALS = "/dev/pts/"
 
@@ -130,12 +130,6 @@ def lease_holder(file: BenchFile) -> Holder | None:
         finally:
             os.close(descriptor)
     return None
-
-
-def state_folder() -> Path:
-    """Return `$XDG_STATE_HOME/gyrobench` (default `~/.local/state/gyrobench`), where leases are."""
-    base = os.environ.get("XDG_STATE_HOME", "")
-    return (Path(base) if base.startswith("/") else Path.home() / ".local" / "state") / "gyrobench"
 
 
 def _paths(file: BenchFile) -> list[tuple[str, Path]]:

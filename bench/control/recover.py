@@ -26,6 +26,7 @@ from bench.record.recording import (
     seal,
 )
 from bench.record.run_folder import MANIFEST_FILE
+from bench.record.signing import bench_key
 from drivers.base.clock import utc_now
 from drivers.base.errors import BenchError, BenchInUse, RecordError
 
@@ -80,6 +81,7 @@ def recover(folder: Path, by: str = "") -> Manifest:
 
 
 def _complete(folder: Path, manifest: Manifest, by: str) -> Manifest:
+    key = bench_key()
     torn = _cut_events(folder)
     for index in sorted((folder / "raw").glob("*.idx")):
         _cut(index, index.stat().st_size // _PAIR_BYTES * _PAIR_BYTES)
@@ -98,6 +100,7 @@ def _complete(folder: Path, manifest: Manifest, by: str) -> Manifest:
     return seal(
         folder,
         manifest,
+        key,
         outcome="aborted",
         reason=reason,
         ended_utc=utc_now(),

@@ -39,6 +39,7 @@ from bench.record.recording import (
     write_manifest,
 )
 from bench.record.run_folder import PICTURES_FOLDER, PROCEDURE_FILE
+from bench.record.signing import SigningKey, bench_key
 from drivers.base.clock import utc_now
 from drivers.base.errors import BenchError, RecordError
 from drivers.base.files import read_bounded, replace_file
@@ -73,8 +74,11 @@ def _versions() -> dict[str, str]:
 class RunRecord:
     """Writes a run folder: events as they come, raw bytes on the journal's cadence, by the journal's thread."""
 
-    def __init__(self, folder: Path, manifest: Manifest, flush_interval_s: float) -> None:
+    def __init__(
+        self, folder: Path, manifest: Manifest, flush_interval_s: float, key: SigningKey | None = None
+    ) -> None:
         self.folder = folder
+        self._key = key
         self._manifest = manifest
         self._journal = Journal(folder, flush_interval_s)
         self._events = EventLog(folder)
@@ -90,7 +94,11 @@ class RunRecord:
         file: BenchFile,
         emulated: Mapping[str, Any] | None,
     ) -> RunRecord:
-        """Make the run's folder and write that it is running; RecordError if it cannot be written."""
+        """Make the run's folder and write that it is running; RecordError if it cannot be written.
+
+        ConfigurationError if the bench has a key that cannot be used: that is known before anything moves.
+        """
+        key = bench_key()
         started = utc_now()
         name = run_id or f"{datetime.fromisoformat(started):%Y%m%d-%H%M%S}-{procedure}"
         folder = _new_folder(runs_folder, name)
@@ -108,7 +116,7 @@ class RunRecord:
             software={"python": platform.python_version()} | _versions(),
         )
         write_manifest(folder, manifest)
-        return cls(folder, manifest, file.recording.flush_interval_s)
+        return cls(folder, manifest, file.recording.flush_interval_s, key)
 
     def keep_procedure(self, text: str) -> None:
         """Keep the source of a procedure that is not installed, sealed with the rest. Raises RecordError."""
@@ -225,6 +233,7 @@ class RunRecord:
         sealed = seal(
             self.folder,
             self._manifest,
+            self._key,
             outcome=outcome,
             reason=reason,
             ended_utc=utc_now(),

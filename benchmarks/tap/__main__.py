@@ -42,10 +42,10 @@ _TURNS_S = 0.2, 2.5
 _BEGINS_S = 1.5
 """Within so long after the folder was made a run that begins is struck."""
 _MEANING = (
-    "Stopped: told on the wire, both devices, and the table said that it stands. Times from the last deed, median "
-    "and worst: of the later of the two stop commands, and of the first answer without rotation; a table at "
-    "10 deg/s brakes for its own time. Nothing moved: struck before the first command. Records: every byte that "
-    "passed a second before the deed and earlier is in the folder, none that did not pass, and the folder "
+    "Stopped: told on the wire, both devices, and the table said that it stands. Times from the last deed, "
+    "median and worst: of the later of the two stop commands, and of the first answer without rotation; a table "
+    "at 10 deg/s brakes for its own time. Nothing moved: struck before the first command. Records: every byte "
+    "that passed a second before the deed and earlier is in the folder, none that did not pass, and the folder "
     "verifies. Nobody guards a bench whose two guards die before either could be replaced (docs/safety.md)."
 )
 _BENCH = """

@@ -46,6 +46,12 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
+def state_folder() -> Path:
+    """Return `$XDG_STATE_HOME/gyrobench` (default `~/.local/state/gyrobench`): leases, and the bench's key."""
+    base = os.environ.get("XDG_STATE_HOME", "")
+    return (Path(base) if base.startswith("/") else Path.home() / ".local" / "state") / "gyrobench"
+
+
 def processors() -> int:
     """Return how many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

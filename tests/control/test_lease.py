@@ -10,10 +10,11 @@ import sys
 
 import pytest
 
-from bench.control.lease import lease_holder, state_folder, take_lease
+from bench.control.lease import lease_holder, take_lease
 from bench.control.process import process_start
 from bench.record.benchfile import bench_file_from
 from drivers.base.errors import BenchInUse, ConfigurationError
+from drivers.base.system import state_folder
 
 pytestmark = pytest.mark.concurrent
 

@@ -15,11 +15,12 @@ from typing import Any
 
 import pytest
 
-from bench.control.lease import lease_holder, state_folder
+from bench.control.lease import lease_holder
 from bench.control.watchdog import DISMISSED, beat_line
 from bench.record.benchfile import BenchFile, bench_file_from, load_bench_file
 from bench.record.recording import Run, read_exchanges
 from drivers.base.clock import host_seconds
+from drivers.base.system import state_folder
 from tests.gyrobench.hidden_posix import hidden_alike, said
 
 pytestmark = [pytest.mark.concurrent, pytest.mark.slow]

@@ -31,6 +31,7 @@ COMMANDS = {
 GROUPS = {
     "new": ("_new", "Write a procedure, driver, effect, campaign or bench file."),
     "operators": ("_operators", "Say who may sign in at the panel, and with which role."),
+    "key": ("_key", "Make the key that a bench signs with; check signatures."),
     "runs": ("_runs", "List, show, check and export recorded runs."),
     "campaign": ("campaign", "Plan, rehearse, run and resume the runs of one file."),
     "fit": ("fit", "Fit compensations to recorded runs."),

@@ -45,6 +45,7 @@ def report(
     from bench.present import report as reports
     from bench.present.cli._console import Terminal
     from bench.record.figure_limits import NO_LIMITS, load_limits
+    from bench.record.signing import bench_key, sign_file
 
     console, units = Terminal(as_json=as_json), []
     run = _without_reports(run)
@@ -71,6 +72,10 @@ def report(
     printed = reports.write_pdf(path) if pdf else None
     if printed is not None:
         console.say(f"{printed}", soft_wrap=True)
+    if verdict and (key := bench_key()) is not None:
+        console.say_all(
+            (sign_file(made, key) for made in (path, printed, xml) if made is not None), soft_wrap=True
+        )
     console.say_json("result", file=path, pdf=printed, dcc=xml, verdict=verdict or None, units=units)
     sys.exit(NOT_PASSED if verdict == "not passed" else 0)
 

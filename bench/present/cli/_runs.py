@@ -228,26 +228,41 @@ def recover(
 
 
 @app.command()
-def verify(run: Annotated[list[Path], Argument(help="run folders")], as_json: Json = False) -> None:
-    """Check runs against their checksums and raw bytes.
+def verify(
+    run: Annotated[list[Path], Argument(help="run folders")],
+    signed_by: Annotated[
+        list[Path] | None,
+        Option("--signed-by", metavar="FILE", help="a public key; a run that none of these signed differs"),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Check runs against their checksums, signatures and raw bytes.
 
     The checksums are computed again, manifest and events are compared, and the decoded tables are made again from
-    the raw bytes. Exit code 1 if anything differs. Manifests from before November 2026 are "not sealed".
+    the raw bytes. Exit code 1 if anything differs. Manifests from before November 2026 are "not sealed". Without
+    --signed-by the key of this bench is known.
     """
     from bench.control.run_record import decode_run
     from bench.present.cli._console import Terminal
     from bench.record.recording import verify as verify_record
     from bench.record.run_folder import url_of
+    from bench.record.signing import known_keys
 
     console, reports = Terminal(as_json=as_json), []
     failed = False
+    keys = known_keys(signed_by)
     for folder in run:
-        report, name = verify_record(folder, decode_run), url_of(folder) or folder
+        report = verify_record(folder, decode_run, keys, must_be_signed=bool(signed_by))
+        name = url_of(folder) or folder
         reports.append({"run": str(name), "passed": report.passed, "report": report})
         if report.passed:
             counts = f"{report.files} checksums, {report.tables} tables rebuilt"
             seal = "" if report.sealed else ", manifest not sealed"
             console.parts(("verified", "green"), f"  {name}: {counts}{seal}")
+            if report.signed_by:
+                console.say(f"  signed by {report.signed_by} ({report.signed.replace(chr(9), ', ')})")
+            if report.unknown_key:
+                console.say(f"  signed by a key that is not known here, {report.unknown_key}", style="yellow")
             continue
         failed = True
         console.parts(("differs", "red"), f"  {name}")

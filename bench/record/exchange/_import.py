@@ -28,6 +28,7 @@ from bench.record.recording import (
     seal,
     table_writer,
 )
+from bench.record.signing import bench_key
 from drivers.base.arrays import Array
 from drivers.base.clock import utc_now
 from drivers.base.errors import ConfigurationError, RecordError
@@ -138,7 +139,7 @@ def _write_run(folder: Path, log: str, mapping: Mapping, entry: LogEntry, data: 
         stream={name: vars(report) for name, report in streams.items()},
         measurements=(dict(vars(azimuth)),),
     )
-    seal(folder, manifest)
+    seal(folder, manifest, bench_key())
 
 
 def _write_tables(out: Path, mapping: Mapping, entry: LogEntry, data: Log) -> dict[str, StreamReport]:

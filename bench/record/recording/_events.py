@@ -57,8 +57,8 @@ class AppendFile:
         try:
             os.lseek(self._fd, self.size, os.SEEK_SET)
             while written < len(self.pending):
-                with memoryview(self.pending) as view:
-                    written += os.write(self._fd, view[written:])
+                with memoryview(self.pending)[written:] as rest:  # nobody may hold it when more is added
+                    written += os.write(self._fd, rest)
             if os.fstat(self._fd).st_nlink == 0:
                 raise FileNotFoundError(2, "the file was deleted while it was being written")
         except OSError as error:

@@ -17,6 +17,8 @@ from bench.record.events._base import Number
 from bench.record.recording._events import EVENTS_FILE, record_error
 from bench.record.run_folder import MANIFEST_FILE, PICTURES_FOLDER, PROCEDURE_FILE
 from bench.record.shown import Shown
+from bench.record.signing import SigningKey, signature_file
+from drivers.base.clock import utc_now
 from drivers.base.errors import RecordError
 from drivers.base.files import MANIFEST_BYTES, read_bounded, replace_file
 from drivers.base.system import sync_folder
@@ -121,6 +123,8 @@ class Manifest(Shown, _Part):
     written: dict[FileName, int] = Field(default_factory=dict)
     """Bytes of each raw file that the operating system took while the run went on."""
     files: dict[FileName, FileEntry] = Field(default_factory=dict)
+    key: str = ""
+    """The bench's public key (a minisign key, RW...) if the manifest is signed; its signature lies beside it."""
     seal: str = ""
     """SHA-256 of this manifest's bytes without these 64; empty in runs of before November 2026."""
 
@@ -198,10 +202,12 @@ def _text(manifest: Manifest) -> str:
     return manifest.model_dump_json(indent=2) + "\n"
 
 
-def seal(folder: Path, manifest: Manifest, **ending: Any) -> Manifest:
+def seal(folder: Path, manifest: Manifest, key: SigningKey | None = None, **ending: Any) -> Manifest:
     """Write the final manifest with the checksums of the run's files and its own; return it. Raises RecordError.
 
-    `ending`: what `manifest` does not have yet, its outcome first, which must not be "running" any more.
+    `key`: of the bench, which then signs it; `ending`: what `manifest` does not have yet, its outcome first,
+    which must not be "running" any more. The signature is there before what it signs: a crash between the two
+    leaves an open run.
     """
     sealed = manifest.model_copy(update=ending)
     if not sealed.complete:
@@ -210,8 +216,18 @@ def seal(folder: Path, manifest: Manifest, **ending: Any) -> Manifest:
         files = checksums(folder)
     except OSError as error:
         raise record_error(folder, error) from error
-    sealed = sealed.model_copy(update={"files": files, "seal": ""})
+    said = key.public.line if key is not None else ""
+    sealed = sealed.model_copy(update={"files": files, "key": said, "seal": ""})
     sealed = sealed.model_copy(update={"seal": hashlib.sha256(_text(sealed).encode()).hexdigest()})
+    signature = signature_file(folder / MANIFEST_FILE)
+    try:
+        if key is None:
+            signature.unlink(missing_ok=True)  # of a seal that a crash prevented
+        else:
+            comment = f"run:{sealed.run_id}\tsealed:{utc_now()}\tby:{key.public.name}"
+            replace_file(signature, key.sign(_text(sealed).encode(), comment))
+    except OSError as error:
+        raise record_error(signature, error) from error
     write_manifest(folder, sealed)
     return sealed
 

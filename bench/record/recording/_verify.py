@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +27,8 @@ from bench.record.recording._raw import missing_tail
 from bench.record.recording._remote import local_run
 from bench.record.recording._tables import from_arrow
 from bench.record.run_folder import MANIFEST_FILE
-from drivers.base.errors import BenchError, RecordError
+from bench.record.signing import NotSigned, PublicKey, check_file, signature_file
+from drivers.base.errors import BenchError, ConfigurationError, RecordError
 
 Decode = Callable[[Path, Path], object]
 """(run folder, folder for the tables): decodes everything of a run."""
@@ -50,6 +51,12 @@ class VerifyReport:
     problems: tuple[FileProblem, ...]
     sealed: bool = True
     """Whether the manifest has a checksum of its own: those written before November 2026 have none."""
+    signed_by: str = ""
+    """Whose known key signed the manifest; empty without one."""
+    signed: str = ""
+    """The comment that was signed with it: run, time, and the name that the key has at its bench."""
+    unknown_key: str = ""
+    """The key of a whole signature that is not among the known ones: anybody may have made it."""
 
     @property
     def passed(self) -> bool:
@@ -57,11 +64,14 @@ class VerifyReport:
         return not self.problems
 
 
-def verify(folder: Path, decode: Decode) -> VerifyReport:
+def verify(
+    folder: Path, decode: Decode, keys: Sequence[PublicKey] = (), *, must_be_signed: bool = False
+) -> VerifyReport:
     """Recompute the checksums of a run and rebuild its tables with `decode`; RecordError if it is no run.
 
     A run that was never closed has no checksums; its raw bytes can still be decoded, and the report says both.
     A table whose checksum is wrong is named once and not opened. A run on object storage is fetched.
+    `keys`: those that are known; with `must_be_signed` a run that none of them signed differs.
     """
     folder = local_run(folder, everything=True)
     manifest = read_manifest(folder)
@@ -72,10 +82,11 @@ def verify(folder: Path, decode: Decode) -> VerifyReport:
         problems += _compare_files(folder, manifest)
         problems += _compare_manifest(folder, manifest)
     problems += _compare_raw(folder, manifest)
+    signature = _signature(folder, manifest, keys, problems, must=must_be_signed)
     sealed = bool(manifest.seal)
     if grown := _grown(folder, manifest.files):
         problems.append(FileProblem(grown, "grown: no tables rebuilt"))
-        return VerifyReport(len(manifest.files), 0, tuple(problems), sealed)
+        return VerifyReport(len(manifest.files), 0, tuple(problems), sealed, *signature)
     with tempfile.TemporaryDirectory(prefix="gyrobench-verify-") as rebuilt:
         try:
             decode(folder, Path(rebuilt))
@@ -92,7 +103,32 @@ def verify(folder: Path, decode: Decode) -> VerifyReport:
             for name in names
             if name not in named and (text := _compare_tables(folder / name, Path(rebuilt) / name))
         ]
-    return VerifyReport(len(manifest.files), len(names), tuple(problems), sealed)
+    return VerifyReport(len(manifest.files), len(names), tuple(problems), sealed, *signature)
+
+
+def _signature(
+    folder: Path, manifest: Manifest, keys: Sequence[PublicKey], problems: list[FileProblem], *, must: bool
+) -> tuple[str, str, str]:
+    """Return by whom a manifest is signed, what was signed with it, and the key if nobody knows it."""
+    path = folder / MANIFEST_FILE
+    name = signature_file(path).name
+    if not manifest.key:
+        if signature_file(path).exists() and manifest.complete:
+            problems.append(FileProblem(name, "the manifest does not say that it is signed"))
+        if must:
+            problems.append(FileProblem(MANIFEST_FILE, "is not signed"))
+        return "", "", ""
+    try:
+        known = next((key for key in keys if key.line == manifest.key), None)
+        key, comment = check_file(path, [known or PublicKey.from_text(manifest.key)])
+    except (NotSigned, ConfigurationError) as error:
+        problems.append(FileProblem(name, str(error)))
+        return "", "", ""
+    if known is None:
+        if must:
+            problems.append(FileProblem(name, f"is of another key, {key.line}"))
+        return "", comment, key.line
+    return known.name, comment, ""
 
 
 def _compare_files(folder: Path, manifest: Manifest) -> Iterator[FileProblem]:
