@@ -14,7 +14,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # uv reads its own variable for local wheel folders, not pip's.
 export UV_FIND_LINKS ?= $(PIP_FIND_LINKS)
 
-.PHONY: setup first-hour site pins demo test lint audit coverage repeats reliability mutants bench bench-gpu fuzz clean
+.PHONY: setup first-hour site pins demo test lint audit licences coverage repeats reliability mutants bench bench-gpu fuzz clean
 setup: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt
@@ -39,6 +39,10 @@ lint: $(STAMP)
 # Known vulnerabilities of the pins; says aloud what the package index could not answer.
 audit: $(STAMP)
 	$(BIN)/python -m benchmarks.audit
+
+# What every pin says of its licence, into docs/licences.md; fails if a bench computer needs the GPL.
+licences: $(STAMP)
+	$(BIN)/python -m benchmarks.licences --write
 
 # Everything that README and guide tell a newcomer to type, from `make setup` on in a fresh copy: ten minutes and more.
 first-hour: $(STAMP)
@@ -72,8 +76,11 @@ reliability: $(STAMP)
 	$(BIN)/python -m benchmarks.guards
 	$(BIN)/python -m benchmarks.reliability 300 1
 	$(BIN)/python -m benchmarks.command_kills 120 1
+	$(BIN)/python -m benchmarks.tap 500 1
+	$(BIN)/python -m benchmarks.failed_calls 200 1
 	$(BIN)/python -m benchmarks.tamper 1000 1
-	$(BIN)/python -m benchmarks.soak 200 1
+	$(BIN)/python -m benchmarks.soak 300 1
+	$(BIN)/python -m benchmarks.week
 	$(BIN)/python -m benchmarks.abort_latency 25
 
 # What share of random changes to the code the related tests catch: SAMPLE mutants (200) in each room, or in ROOM; DRAW=2: others.

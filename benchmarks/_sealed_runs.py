@@ -7,6 +7,7 @@ import os
 import shutil
 import zlib
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 from bench.control.procedure import Demands, Parameters, Procedure
@@ -20,23 +21,24 @@ from bench.record.exchange import import_log
 from bench.record.recording import EventLog, read_manifest, write_manifest
 from bench.record.signing import KEY_VARIABLE, SigningKey
 
-FILE = {
+GYROS: tuple[dict[str, Any], ...] = (
+    {"name": "fog_1", "driver": "kvh1750", "port": "pty", "rate_hz": 100, "axis": "x", "unit": "F1"},
+    {
+        "name": "can_1",
+        "driver": "sbg_ellipse",
+        "interface": "gyrobench_slcan",
+        "channel": "pty-can",
+        "rate_hz": 100,
+        "axes": "xyz",
+        "axis": "z",
+        "unit": "E1",
+    },
+)
+FILE: dict[str, Any] = {
     "bench": {"name": "sealed", "latitude_deg": 39.1},
     "table": {"driver": "acutrol3000", "port": "pty-table"},
     "chamber": {"driver": "weiss", "port": "pty-chamber"},
-    "gyro": [
-        {"name": "fog_1", "driver": "kvh1750", "port": "pty", "rate_hz": 100, "axis": "x", "unit": "F1"},
-        {
-            "name": "can_1",
-            "driver": "sbg_ellipse",
-            "interface": "gyrobench_slcan",
-            "channel": "pty-can",
-            "rate_hz": 100,
-            "axes": "xyz",
-            "axis": "z",
-            "unit": "E1",
-        },
-    ],
+    "gyro": list(GYROS),
 }
 _MAPPING = """
 format = 1
