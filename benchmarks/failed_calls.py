@@ -1,9 +1,9 @@
 """Every call that a recorder makes of the system fails once, then two in a run: no run lies about its record.
 
-Run as `python -m benchmarks.failed_calls [PAIRS] [SEED]` (a C compiler is needed; without one it says so and ends
+Run as `python -m benchmarks.failed_calls [PAIRS] [SEED] [EVERY]` (a C compiler is needed; without one it says so and ends
 with 2); writes its section of benchmarks/reliability.md. A run on an emulated lab, from the making of its folder
 to the seal, is repeated; each time another call on the run's files fails: with EIO, with no space from there on,
-or by taking only half of the bytes. The calls are those of the C library (`_failing_calls.c`, preloaded),
+or by taking only half of the bytes. EVERY: each so many-th call only. The calls are those of the C library (`_failing_calls.c`, preloaded),
 Python's and Arrow's alike. Then pairs, drawn; then the calls of `runs recover`; then a process without memory.
 
 Judged against an undisturbed run of the same seed, which has the same bytes: a run that reads "completed" has
@@ -17,6 +17,7 @@ from __future__ import annotations
 import ctypes
 import errno
 import json
+import math
 import os
 import random
 import shutil
@@ -33,6 +34,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.control.procedure import Demands, Parameters, Procedure
 from bench.control.recover import recover
@@ -222,16 +224,33 @@ def _judge(folder: Path, said: str, truth: Truth, *, words: bool) -> tuple[str, 
         if _rows(folder) != truth.rows or manifest.measurements != truth.measurements:
             problems.append("completed, and its events are others")
     elif not any(invalid.code == "record_hole" for _, invalid in events.of(Invalid)):
-        # From the first event that another run did not have the table goes another way, and the gyros feel it.
-        apart_s = next(
-            (here[0] for here, there in zip(_rows(folder), truth.rows, strict=False) if here != there), 1e9
-        )
+        apart_s = _apart_s(folder, raw, truth)
         for name in _GYROS:
-            marks = np.frombuffer(raw.get(f"{name}.idx", b""), "<i8").reshape(-1, 2)
+            marks = _marks(raw, f"{name}.bin")
             alike = int(max(marks[marks[:, 1] < apart_s * 1e9, 0], default=0))
             if raw.get(f"{name}.bin", b"")[:alike] != truth.raw[f"{name}.bin"][:alike]:
                 problems.append(f"{name}.bin is not what was sent")
     return f"{manifest.outcome}, recovered" if was_open else manifest.outcome, problems
+
+
+def _apart_s(folder: Path, raw: dict[str, bytes], truth: Truth) -> float:
+    """Return from when on a run went another way than the undisturbed one, s.
+
+    That is the first event or the first byte told to a device that is another: from there the table turns
+    otherwise, and the gyros feel it.
+    """
+    times = [here[0] for here, there in zip(_rows(folder), truth.rows, strict=False) if here != there][:1]
+    for name in (name for name in truth.raw if name.endswith(".sent.bin")):
+        here, there = raw.get(name, b""), truth.raw[name]
+        alike = len(os.path.commonprefix([here, there]))
+        if alike < len(here):
+            marks = _marks(raw, name)
+            times.append(float(marks[np.searchsorted(marks[:, 0], alike, side="right"), 1]) / 1e9)
+    return min(times, default=math.inf)
+
+
+def _marks(raw: dict[str, bytes], name: str) -> NDArray[np.int64]:
+    return np.frombuffer(raw.get(f"{name.removesuffix('.bin')}.idx", b""), "<i8").reshape(-1, 2)
 
 
 class Trials:
@@ -358,8 +377,8 @@ def main() -> int:
     """Have calls fail and write the section; 1 if a run was not honest."""
     if not hasattr(ctypes.CDLL(None), "failing_calls_arm"):
         return _preloaded(sys.argv[1:])
-    pairs, seed = (*map(int, sys.argv[1:3]), *(300, 1)[len(sys.argv) - 1 :])
-    tallies = failed_calls(pairs, seed, lambda text: print(text, flush=True))
+    pairs, seed, every = (*map(int, sys.argv[1:4]), *(200, 1, 1)[len(sys.argv) - 1 :])
+    tallies = failed_calls(pairs, seed, lambda text: print(text, flush=True), every)
     problems = [f"{kind}: {text}" for kind, tally in tallies.items() for text in tally.problems]
     rows = [
         f"| {kind} | {tally.trials} | {', '.join(f'{n} {end}' for end, n in sorted(tally.ends.items()))} "
@@ -373,7 +392,8 @@ def main() -> int:
         "`runs recover` completes it unless it never had a manifest. Nobody saw a traceback. Calls: those of the",
         "C library on the files of the run, one after the other, and every one of `runs recover`. Where memory",
         "runs out, requests of 512 bytes and more are refused from a random one on (1, 20, or all): there only",
-        "the record is judged, since a process may die of it, as of a kill.",
+        "the record is judged, since a process may die of it, as of a kill."
+        + ("" if every == 1 else f" One call in {every} was failed; without the third number, every one is."),
         "",
         "| what fails | runs | they end as | problems |",
         "|---|---|---|---|",
@@ -381,7 +401,7 @@ def main() -> int:
         "",
         *(f"- {text[:600]}" for text in problems[:20]),
     ]
-    print(write_section("Failed calls", f"python -m benchmarks.failed_calls {pairs} {seed}", lines))
+    print(write_section("Failed calls", f"python -m benchmarks.failed_calls {pairs} {seed} {every}", lines))
     return 1 if problems else 0
 
 
