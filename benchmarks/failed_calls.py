@@ -1,10 +1,11 @@
 """Every call that a recorder makes of the system fails once, then two in a run: no run lies about its record.
 
-Run as `python -m benchmarks.failed_calls [PAIRS] [SEED] [EVERY]` (a C compiler is needed; without one it says so and ends
-with 2); writes its section of benchmarks/reliability.md. A run on an emulated lab, from the making of its folder
-to the seal, is repeated; each time another call on the run's files fails: with EIO, with no space from there on,
-or by taking only half of the bytes. EVERY: each so many-th call only. The calls are those of the C library (`_failing_calls.c`, preloaded),
-Python's and Arrow's alike. Then pairs, drawn; then the calls of `runs recover`; then a process without memory.
+Run as `python -m benchmarks.failed_calls [PAIRS] [SEED] [EVERY]` (a C compiler is needed; without one it says
+so and ends with 2); writes its section of benchmarks/reliability.md. A run on an emulated lab, from the making of
+its folder to the seal, is repeated; each time another call on the files fails (EVERY: each so many-th only): with
+EIO, with no space from there on, or by taking only half of the bytes. The calls are those of the C library
+(`_failing_calls.c`, preloaded), Python's and Arrow's alike. Then pairs, drawn; then the calls of `runs recover`;
+then a process that is refused memory.
 
 Judged against an undisturbed run of the same seed, which has the same bytes: a run that reads "completed" has
 every byte, and verifies; any other says why, its table and chamber rest, and it is completed by `runs recover`
@@ -242,7 +243,9 @@ def _apart_s(folder: Path, raw: dict[str, bytes], truth: Truth) -> float:
     times = [here[0] for here, there in zip(_rows(folder), truth.rows, strict=False) if here != there][:1]
     for name in (name for name in truth.raw if name.endswith(".sent.bin")):
         here, there = raw.get(name, b""), truth.raw[name]
-        alike = len(os.path.commonprefix([here, there]))
+        alike = next(
+            (at for at, (one, two) in enumerate(zip(here, there, strict=False)) if one != two), len(there)
+        )
         if alike < len(here):
             marks = _marks(raw, name)
             times.append(float(marks[np.searchsorted(marks[:, 0], alike, side="right"), 1]) / 1e9)

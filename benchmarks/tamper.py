@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.control.run_record import decode_run
-from bench.record.recording import Run, read_manifest, read_marks, seal, verify
+from bench.record.recording import EmulatedLab, Run, read_manifest, read_marks, seal, verify
 from bench.record.signing import PublicKey, SigningKey
 from benchmarks._sealed_runs import sealed_runs
 from benchmarks._sections import write_section
@@ -222,7 +222,7 @@ def _forged(copy: Copy) -> str:
     forged: dict[str, Any] = copy.draw.choice(
         (
             {"units": units},
-            {"emulated": None if manifest.emulated else {"seed": 1, "model": "x"}},
+            {"emulated": None if manifest.emulated else EmulatedLab(seed=1, model="x")},
             {"parameters": {"rate_dps": copy.draw.random()}},
             {"started_utc": "2025-01-01T08:00:00+00:00"},
             {},
