@@ -204,7 +204,8 @@ class Lane:
     def _look_at_the_folder(self, trial: Trial, struck_s: float, tally: Tally) -> Iterator[str]:
         """Yield what the folder lacks, or says that is not so."""
         for name, heard in zip(PORTS, trial.heard(), strict=True):
-            yield from _judge.missing(trial.folder, name, heard, trial.begun_s, struck_s - _INTERVAL_S)
+            due_s = min(trial.reads_to_s, struck_s) - _INTERVAL_S
+            yield from _judge.missing(trial.folder, name, heard, due_s, trial.reads_to_s)
         if self._outcome(trial) == "running":
             wait_for(lambda: self._command("runs", "recover", str(trial.folder)) == 0, "recovery")
         tally.outcomes[self._outcome(trial)] += 1

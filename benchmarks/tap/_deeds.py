@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import random
 import signal
@@ -28,6 +29,8 @@ class Trial:
     log: Path
     log_from: int
     begun_s: float
+    reads_to_s: float = math.inf
+    """From then on the runner was dead or stopped: what it did not read a line may drop."""
 
     def heard(self) -> list[list[_wire.Heard]]:
         """Return what passed at the ports since it was begun."""
@@ -61,9 +64,12 @@ class Trial:
 
     def kill(self, pid: int, number: signal.Signals = signal.SIGKILL) -> float:
         """Send a signal to a process; return when. One that has ended already has no harm done."""
+        now_s = time.monotonic()  # before: its stop may be on the wire by the time that this goes on
+        if pid == self.pid and number in (signal.SIGKILL, signal.SIGSTOP):
+            self.reads_to_s = min(self.reads_to_s, now_s)
         with suppress(ProcessLookupError):
             os.kill(pid, number)
-        return time.monotonic()
+        return now_s
 
 
 @dataclass(frozen=True)

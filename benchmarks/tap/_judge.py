@@ -70,22 +70,32 @@ def rest_s(heard: Sequence[Heard], after_s: float) -> float | None:
     )
 
 
-def missing(folder: Path, port: str, heard: Sequence[Heard], begun_s: float, end_s: float) -> list[str]:
-    """Return what is wrong with a port's raw files: they lack bytes that passed before `end_s`, or have others.
+def missing(folder: Path, port: str, heard: Sequence[Heard], due_s: float, read_s: float) -> list[str]:
+    """Return what is wrong with a port's raw files: they lack bytes that passed before `due_s`, or have others.
 
-    What came before the bench opened the port is not its own: the record begins somewhere in what passed.
+    `read_s`: until then the runner read; a line may drop what nobody reads later. What came
+    before the bench opened the port is not its own: the record begins somewhere in what passed, and where it is
+    empty, with the first byte that the bench sent there.
     """
     found = []
+    opened_s = min((piece.time_s for piece in heard if piece.sent), default=due_s)
     for sent in (False, True):
         name = f"{port}{'.sent' if sent else ''}.bin"
-        passed = [piece for piece in heard if piece.sent is sent and piece.time_s >= begun_s]
+        passed = [piece for piece in heard if piece.sent is sent]
         wire = b"".join(piece.data for piece in passed)
-        due = sum(len(piece.data) for piece in passed if piece.time_s <= end_s)
+        due, read = (_bytes_until(passed, time_s) for time_s in (due_s, read_s))
         path = folder / "raw" / name
         record = path.read_bytes() if path.exists() else b""
-        start = 0 if sent else wire.find(record[:_ALIGNED_BYTES])
-        if start < 0 or wire[start : start + len(record)] != record:
+        start = (
+            0 if sent else wire.find(record[:_ALIGNED_BYTES]) if record else _bytes_until(passed, opened_s)
+        )
+        alike = min(len(record), max(0, read - start))
+        if start < 0 or wire[start : start + alike] != record[:alike]:
             found.append(f"{name}: not what passed")
         elif len(record) < due - start:
             found.append(f"{name}: {due - start - len(record)} bytes older than the interval are lost")
     return found
+
+
+def _bytes_until(passed: Sequence[Heard], time_s: float) -> int:
+    return sum(len(piece.data) for piece in passed if piece.time_s <= time_s)
