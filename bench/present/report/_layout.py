@@ -39,9 +39,17 @@ def _environment() -> Environment:
     )
     # Ours, not a manifest's: trusted as they are.
     environment.globals["style_sheet"] = Markup((_FOLDER / "report.css").read_text(encoding="utf-8"))
+    environment.filters["in_style"] = _in_style
     environment.globals["paints"] = PAINTS
     environment.globals["marks"] = {"good": "✓", "bad": "✕", "doubt": "!", "plain": ""}
     return environment
+
+
+def _in_style(text: str) -> str:
+    """Return a text as it may stand between quotes in a style sheet: what could end either becomes a blank."""
+    return "".join(
+        letter if letter.isalnum() or letter in " .,:;-_()/+" else " " for letter in printable(text)
+    )
 
 
 def _finalize(value: Any) -> Any:

@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -294,6 +295,16 @@ def test_a_save_that_fails_leaves_no_old_pass_behind(tmp_path: Path, monkeypatch
     with pytest.raises(RecordError, match="there is none"):
         write_report(page, page_that_says("Not passed"))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_every_printed_page_has_its_number_and_the_title_whatever_that_is() -> None:
+    page = replace(page_that_says("Passed"), title='No. 7/A "}</style><script>\\')
+    html = render_page(page)
+    assert html.count("</style>") == 1 and "<script" not in html
+    style = html[html.index("<style>") : html.index("</style>")]
+    title = style.rpartition('content: "')[2].partition('"')[0]
+    assert title.split() == ["No.", "7/A", "/style", "script"]
+    assert "counter(page)" in style and "counter(pages)" in style
 
 
 def test_a_pdf_is_the_page_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
