@@ -75,6 +75,19 @@ def test_three_bytes_are_a_number_whatever_stands_beside_them(order, at, kind, b
     assert message.columns()["rate_x"].tolist() == [number / 8.0 for number in numbers]
 
 
+@pytest.mark.parametrize("order", ["big", "little"])
+@pytest.mark.parametrize(("head", "at", "size"), [("A5", 1, 4), ("A5", 1, 5), ("A55A", 2, 5), ("A55A", 2, 6)])
+def test_three_bytes_are_a_number_in_the_shortest_frames(order, head, at, size):
+    field = {"name": "rate_x", "axis": "x", "at": at, "type": "i24", "unit": "deg/s", "role": "rate"}
+    frame = {"endian": order, "sync": head, "length": size}
+    for scale in ({}, {"scale": {"div": 8.0}}):
+        data = FRAME | {"field": [field | scale], "frame": frame}
+        del data["counter"]
+        sent = bytes.fromhex(head) + (-66051).to_bytes(3, order, signed=True) + b"\x80" * (size - at - 3)
+        found = rates(family_from(data, "unit"), sent)["rate_x"].tolist()
+        assert found == [-66051 / (8.0 if scale else 1.0)]
+
+
 def test_a_whole_number_that_is_not_scaled_stays_one_and_a_rate_that_is_none_is_invalid():
     whole = rates(described(), b"\xa5\x5a" + struct.pack(">iH4x", -7, 1))
     assert whole["rate_x"].tolist() == [-7] and whole["rate_x"].dtype.kind == "i"
