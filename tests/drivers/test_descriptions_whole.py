@@ -296,3 +296,30 @@ def test_a_frame_told_by_its_last_byte_is_there_with_it():
     (message,) = reader.feed(b"\xa5\x5a" + struct.pack(">iH3x", 7, 1) + b"\x7f")
     assert message.rows.shape == (1, 12)
     assert reader.feed(b"\xa5\x5a" + struct.pack(">iH3x", 7, 1) + b"\x7e") == []
+
+
+@pytest.mark.parametrize("kind", ["sum8", "sum16", "crc32"])
+@pytest.mark.parametrize("at", [8, 9, 10, 13])
+def test_a_check_has_bytes_of_its_own_within_the_frame(kind, at):
+    size = {"sum8": 1, "sum16": 2, "crc32": 4}[kind]
+    check = {"kind": kind, "ranges": [[2, 8]], "at": at} | ({"poly": "04C11DB7"} if kind == "crc32" else {})
+
+    def with_field(place, **changes):
+        return described(
+            {"name": "more", "at": place, "type": "u8"},
+            frame=FRAME["frame"] | {"length": 20, "checksum": [check | changes]},
+        )
+
+    for place in range(at, at + size):
+        assert "checksum[0] is there" in refusal(lambda place=place: with_field(place))
+    with_field(at + size)
+    if at > 8:
+        with_field(at - 1)
+    for ranges in ([[-21, -13]], [[2, 21]], [[5, 5]], [[6, 4]]):
+        said = refusal(lambda ranges=ranges: with_field(at + size, ranges=ranges))
+        assert "checksum[0].ranges" in said and "a range within the frame's 20 bytes" in said
+    assert "ranges without it" in refusal(lambda: with_field(at + size, ranges=[[2, at + 1]]))
+    with_field(at + size, ranges=[[-20, at]])
+    for place in (-21, 21 - size):
+        assert "checksum[0].at" in refusal(lambda place=place: with_field(at + size, at=place))
+    with_field(8, at=20 - size, ranges=[[0, 20 - size]])
