@@ -106,36 +106,36 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         _part(
             "bench/analysis/common/allan*",
             "tests/analysis/common/test_allan",
-            "tests/analysis/figures/test_figures_by_hand",
+            "tests/analysis/figures/test_figures_by_hand test_figures_parts_by_hand",
         ),
         _part(
             "bench/analysis/thermal/_dataset",
             "tests/analysis/thermal/test_dataset test_scale_factor test_thermal_by_hand",
-            "tests/analysis/thermal/test_thermal_choices_by_hand",
+            "tests/analysis/thermal/test_thermal_choices_by_hand test_thermal_models_by_hand",
         ),
         _part(
             "bench/analysis/thermal/_grey_box _diffusion",
             "tests/analysis/thermal/test_grey_box test_thermal_by_hand",
-            "tests/analysis/thermal/test_thermal_choices_by_hand",
+            "tests/analysis/thermal/test_thermal_choices_by_hand test_thermal_models_by_hand",
         ),
         _part(
-            "bench/analysis/thermal/_hybrid",
+            "bench/analysis/thermal/_hybrid _sum",
             "tests/analysis/thermal/test_compensation test_hybrid test_thermal_by_hand",
-            "tests/analysis/thermal/test_thermal_choices_by_hand",
+            "tests/analysis/thermal/test_thermal_choices_by_hand test_thermal_models_by_hand",
         ),
         _part(
             "bench/analysis/thermal/_lstm*",
             "tests/analysis/thermal/test_lstm test_thermal_by_hand",
-            "tests/analysis/thermal/test_thermal_choices_by_hand",
+            "tests/analysis/thermal/test_thermal_choices_by_hand test_thermal_models_by_hand",
         ),
         _part(
             "bench/analysis/thermal/_scale_factor",
-            "tests/analysis/thermal/test_scale_factor test_thermal_choices_by_hand",
+            "tests/analysis/thermal/test_scale_factor test_thermal_choices_by_hand test_thermal_models_by_hand",
         ),
         _part("bench/analysis/common/stepwise", "tests/analysis/common/test_stepwise test_strd"),
         _part(
             "bench/analysis/thermal/*",
-            "tests/analysis/thermal/test_thermal_choices_by_hand",
+            "tests/analysis/thermal/test_thermal_choices_by_hand test_thermal_models_by_hand",
             "tests/analysis/thermal/test_evaluate test_features test_linear_models test_compensation",
             "tests/analysis/thermal/test_scale_factor test_grey_box test_thermal_by_hand test_leave_out",
             "tests/analysis/export/test_c_header",
@@ -148,8 +148,8 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         ),
         _part(
             "bench/analysis/figures/*",
-            "tests/analysis/figures/test_figures_by_hand test_standards test_budget test_estimates",
-            "tests/analysis/figures/test_standard_run",
+            "tests/analysis/figures/test_figures_by_hand test_figures_parts_by_hand test_standards test_budget",
+            "tests/analysis/figures/test_estimates test_standard_run",
         ),
     ),
     "gap": (

@@ -134,7 +134,8 @@ def stepwise(
         if frozenset(inside) in visited:
             break
         visited.add(frozenset(inside))
-        f = float((before.coefficient[term] / before.standard_error[term]) ** 2)
+        with np.errstate(divide="ignore"):  # a term that leaves nothing
+            f = float((before.coefficient[term] / before.standard_error[term]) ** 2)
         steps.append(problem.step(action, labels[term], f, float(before.p_value[term]), inside))
     return _result(problem, labels, steps, parts, rho)
 

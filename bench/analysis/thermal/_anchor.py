@@ -33,7 +33,7 @@ def anchor_runs(runs: Sequence[FeatureRun], *, reference_temp_c: float | None = 
     """
     common_step(runs)
     terms = [lag_terms(signals(run), with_temperature=True) for run in runs]
-    centre, scale = standardisation(terms, runs)
+    _, scale = standardisation(terms, runs)
     temps = np.array([_reference_temp_c(run) for run in runs])
     wanted = float(np.median(temps)) if reference_temp_c is None else reference_temp_c
     anchored = list(runs)
@@ -42,7 +42,7 @@ def anchor_runs(runs: Sequence[FeatureRun], *, reference_temp_c: float | None = 
         if rows is None:
             continue
         carriers = np.unique(rows.run)
-        constants = _run_constants((rows.terms - centre) / scale, rows.target, rows.run, carriers)
+        constants = _run_constants(rows.terms / scale, rows.target, rows.run, carriers)
         kept = constants[np.argmin(np.abs(temps[carriers] - wanted))]
         for number, constant in zip(carriers, constants, strict=True):
             run = anchored[number]

@@ -308,3 +308,18 @@ def test_terms_that_nearly_coincide_have_seven_digits() -> None:
     ]
     found = stepwise(x, y, start=["x1", "x2"], p_remove=1.0).final.coefficient
     assert found.tolist() == pytest.approx(exact, rel=1e-7)
+
+
+def test_without_a_term_nothing_is_explained_and_with_an_exact_one_everything() -> None:
+    rng = np.random.default_rng(11)
+    x, noise = rng.normal(size=(40, 2)), rng.normal(size=40)
+    none = stepwise(x, noise, p_enter=1e-9)
+    assert none.selected == () and (none.f, none.significance_f) == (0.0, 1.0)
+    assert (none.final.r2, none.adjusted_r2) == pytest.approx((0.0, 0.0), abs=1e-12)
+    assert np.isnan(none.vif).all() and none.predict(x) == pytest.approx(np.full(40, noise.mean()))
+    for _ in range(30):  # rounding leaves a little more or less than nothing
+        term = rng.normal(size=(12, 1))
+        exact = stepwise(term, 2.0 * term[:, 0] + 1.0)
+        assert exact.selected == ("x1",) and exact.final.coefficient == pytest.approx([2.0])
+        assert exact.final.r2 <= 1.0 and 0.0 <= exact.final.rmse < 1e-6 and exact.f > 1e9
+        assert exact.significance_f == pytest.approx(0.0, abs=1e-12) and exact.vif == pytest.approx([1.0])

@@ -97,6 +97,12 @@ def test_rows_far_from_their_neighbours_and_without_a_value_are_left_out():
     use, remarks = _sound_rows(temp, rates)
     assert np.flatnonzero(~use).tolist() == [7, 100, 200, 300]
     assert remarks == ["2 rows without a value left out", "2 outlying rows left out, the first at row 100"]
+    # a distance of a normal output is beyond its sigma in one of three rows, and beyond eight of them in none
+    for sigmas, found in ((7.0, []), (9.5, [250])):
+        spike = rates["x"].copy()
+        spike[[100, 250]] = [0.0, np.median(spike[246:255]) + sigmas]
+        use, _ = _sound_rows(np.linspace(0.0, 30.0, 500), {"x": spike})
+        assert np.flatnonzero(~use).tolist() == found
     coarse = np.zeros(500)
     coarse[::50] = 1.0
     use, remarks = _sound_rows(np.linspace(0, 30, 500), {"x": coarse})
@@ -318,6 +324,19 @@ def test_a_compensation_has_the_equation_its_statistics_and_its_ranges():
     assert found.statistics["adjusted_r2"] == pytest.approx(1.0 - (1.0 - r2) * 399 / (399 - k))
     assert found.statistics["f"] == pytest.approx(r2 / k / ((1.0 - r2) / (399 - k)), rel=1e-6)
     assert dict(found.runs) == {"a": "s", "b": "t"}
+    case = np.array([-40.0, 70.0, -41.0, 71.0, 0.0, 0.0, -41.0, 71.0, -41.0])
+    rate = np.array([1.0, -1.0, 0.0, 0.0, -1.1, 1.1, -1.1, 1.1, 1.1])
+    beside = SimpleNamespace(case_c=case, case_rate=rate)
+    assert found.outside(beside).tolist() == [False, False] + [True] * 7
+    text = found.equation()
+    assert text.startswith(f"B = {found.intercept_dph:.6g} ") and all(
+        name in text for name in found.variables
+    )
+    assert replace(found, variables=("T1", "T2"), coefficients=(-2.5, 0.5), intercept_dph=1.0).equation() == (
+        "B = 1 - 2.5·T1 + 0.5·T2"
+    )
+    none = replace(found, variables=(), coefficients=(), intercept_dph=-0.25)
+    assert none.equation() == "B = -0.25" and none.drift_dph(runs[0]).tolist() == [-0.25] * 200
 
 
 def test_variables_are_products_of_two_temperatures_and_their_rates():

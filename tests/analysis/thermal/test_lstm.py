@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,14 @@ import torch
 from scipy.signal import lfilter
 
 from bench.analysis.thermal._lstm import LstmModel
-from bench.analysis.thermal._lstm_training import _Batch, _epoch, _loss_of
+from bench.analysis.thermal._lstm_training import (
+    _Batch,
+    _epoch,
+    _initial_weights,
+    _loss_of,
+    _network,
+    _read_weights,
+)
 from bench.analysis.thermal._lstm_weights import LstmSettings
 from bench.analysis.thermal._types import FeatureRun
 from drivers.base.arrays import Array
@@ -273,3 +281,40 @@ def test_a_stretch_without_targets_does_not_end_an_epoch() -> None:
     optimiser = torch.optim.SGD([*network.parameters(), *head.parameters()], lr=0.1)
     _epoch(network, head, batch, optimiser, LstmSettings(hidden=4, chunk=10, warm_up=0))
     assert not torch.equal(before, head.weight)
+
+
+def test_an_epoch_takes_one_step_a_chunk_with_the_state_carried() -> None:
+    """The same with torch's own loop: 7 steps after 2 of warm-up, in chunks of 3."""
+    settings = LstmSettings(hidden=3, warm_up=2, chunk=3, seed=4, gradient_clip=0.05)
+    weights = _initial_weights(settings, np.array([-1.0, -1.0, -1.0]), np.ones(3), np.zeros(2), np.ones(2))
+    rng = np.random.default_rng(6)
+    inputs = torch.tensor(rng.normal(size=(9, 2, 3)), dtype=torch.float32)
+    targets = torch.tensor(rng.normal(size=(9, 2, 2)), dtype=torch.float32)
+    mask = torch.ones(9, 2, 2)
+    mask[:2] = 0.0
+    mask[7:, 1] = 0.0
+    mask[8, 0, 1] = 0.0  # one sample alone in the last chunk
+    network, head = _network(weights)
+    assert _read_weights(network, head, weights).w_hidden == pytest.approx(weights.w_hidden, abs=1e-6)
+    optimiser = torch.optim.SGD([*network.parameters(), *head.parameters()], lr=0.5)
+    batch = _Batch(inputs, targets, mask, torch.zeros(9, 2, 2))
+    _epoch(network, head, batch, optimiser, settings)
+
+    own, own_head = _network(weights)
+    parameters = [*own.parameters(), *own_head.parameters()]
+    with torch.no_grad():
+        _, state = own(inputs[:2])
+    for start in (2, 5, 8):
+        hidden, state = own(inputs[start : start + 3], tuple(part.detach() for part in state))
+        error = (own_head(hidden) - targets[start : start + 3]) ** 2 * mask[start : start + 3]
+        for parameter in parameters:
+            parameter.grad = None
+        (error.sum() / mask[start : start + 3].sum()).backward()
+        norm = math.sqrt(sum(float((parameter.grad**2).sum()) for parameter in parameters))
+        with torch.no_grad():
+            for parameter in parameters:
+                parameter -= 0.5 * parameter.grad * min(1.0, 0.05 / norm)
+    found, expected = (_read_weights(*pair, weights) for pair in ((network, head), (own, own_head)))
+    for name in ("w_input", "w_hidden", "bias", "w_output", "b_output"):
+        assert getattr(found, name) == pytest.approx(getattr(expected, name), abs=1e-5)
+    assert found.w_output != pytest.approx(weights.w_output, abs=1e-3)
