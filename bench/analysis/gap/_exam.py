@@ -94,8 +94,7 @@ def nominal_model() -> Model:
     """Return the nominal model that an examined diagnosis is given."""
     effects = catalogue()
     scale, slope = effects["scale_factor"], effects["bias_linear"]
-    if not isinstance(scale, Effect) or not isinstance(slope, Effect):
-        raise TypeError("scale_factor and bias_linear are deterministic effects")
+    assert isinstance(scale, Effect) and isinstance(slope, Effect)
     terms = (
         Term(Variant(scale, {}), (0.0,), (SF_SIGMA_PPM,)),
         Term(Variant(slope, dict(slope.shapes[0])), (0.0,), (SLOPE_SIGMA_DPH,)),

@@ -49,13 +49,13 @@ class VerifyReport:
     files: int
     tables: int
     problems: tuple[FileProblem, ...]
-    sealed: bool = True
+    sealed: bool
     """Whether the manifest has a checksum of its own: those written before November 2026 have none."""
-    signed_by: str = ""
+    signed_by: str
     """Whose known key signed the manifest; empty without one."""
-    signed: str = ""
+    signed: str
     """The comment that was signed with it: run, time, and the name that the key has at its bench."""
-    unknown_key: str = ""
+    unknown_key: str
     """The key of a whole signature that is not among the known ones: anybody may have made it."""
 
     @property
