@@ -144,7 +144,7 @@ def _shares_by_phase(
         for run in group.flat:
             n, period_s = len(run.stimulus), run.stimulus.period_s
             power = power_of(after.noise, n, period_s)
-            own = transformed(run, left_by(run, (before, after))[0], after.noise) / np.sqrt(power)
+            own = transformed(run, left_by(run, (before, after)), after.noise) / np.sqrt(power)
             for band in bands.get(group.profile, set()):
                 part = band_slices(n, period_s)[band]
                 expected = (part.stop - part.start) / n
@@ -185,14 +185,14 @@ def judged_cells(models: Sequence[Model], runs: Sequence[GapRun]) -> list[Cell]:
     cells = []
     noise = models[-1].noise
     for group in group_runs(runs):
-        stack = stacked(group.flat, lambda run: left_by(run, models), [False], noise)
+        stack = stacked(group.flat, lambda run: [left_by(run, models)], [False], noise)
         cells += group_cells(group, stack, noise)
     return cells
 
 
-def left_by(run: GapRun, models: Sequence[Model]) -> list[Array]:
-    """Return what models leave of a run's output, one block (models, n)."""
-    return [run.output_dph - np.stack([model.predict(run.stimulus) for model in models])]
+def left_by(run: GapRun, models: Sequence[Model]) -> Array:
+    """Return what models leave of a run's output, (models, n)."""
+    return run.output_dph - np.stack([model.predict(run.stimulus) for model in models])
 
 
 def _rms(cells: Sequence[Cell], energy: Array, active: NDArray[np.bool_]) -> float:

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.fft import dct, idct
 
 from bench.analysis.gap import (
     Model,
@@ -17,6 +18,7 @@ from bench.analysis.gap import (
     Term,
     _channel_data,
     _diagnose,
+    _disturbed,
     _examination,
     _fmu,
     _import,
@@ -25,20 +27,26 @@ from bench.analysis.gap import (
     diagnose,
 )
 from bench.analysis.gap._aliases import in_rows
+from bench.analysis.gap._bridge import bridge
+from bench.analysis.gap._cells import BANDS, band_slices
 from bench.analysis.gap._channel_data import _air, _angle, _rate, load_channels
 from bench.analysis.gap._channels import ChannelFinding, ChannelSignal, _verdict
+from bench.analysis.gap._close import _shares_by_phase
 from bench.analysis.gap._data import Group
 from bench.analysis.gap._examination import _Case, _judged, _seal
+from bench.analysis.gap._fit import Floor
 from bench.analysis.gap._import import read_imported_run, read_mapped_runs
 from bench.analysis.gap._lines import strongest_line
-from bench.analysis.gap._model_file import ChannelTerm, model_text, parse_model
+from bench.analysis.gap._model_file import ChannelTerm, DisturbanceTerm, model_text, parse_model
+from bench.analysis.gap._noise import power_of
 from bench.analysis.gap._position import PositionRun, PositionSignal, _term
 from bench.analysis.gap._run_folder import _between_polls, load_gap_runs
 from bench.analysis.gap._series import write_missing
 from bench.analysis.gap._simulation import read_simulation
 from bench.record.events.run import AngleDemand
 from drivers.base.errors import BenchError, ConfigurationError
-from simulators.effects import catalogue
+from simulators.effects import ChannelEffect, catalogue
+from simulators.effects._disturbance import Finding
 from tests.analysis.gap.conftest import effect, made_run, stimulus
 
 WHITE = Noise(0.004)
@@ -425,3 +433,110 @@ def test_a_platforms_verdict_follows_the_probabilities(monkeypatch):
     before = ChannelTerm(clear.terms[0].effect, (*[10.0] * 9, 5.0), (1.0,) * 10)
     model = SimpleNamespace(gain=np.arange(9.0).reshape(3, 3), sigma=np.ones((3, 3)), tau_s=7200.0)
     assert _term(model, before).values == (*np.arange(10.0, 19.0), 2.0)
+
+
+def test_shares_by_phase_are_of_the_energy_that_bands_with_a_gap_have_in_each_phase():
+    """White noise of sigma, so a row over sigma is white; energies by scipy's transform, band by band."""
+    s, rng = stimulus(1200), np.random.default_rng(4)
+    slope = effect("bias_linear").variants()[0]
+    course = slope.columns(s)[0]
+    extra = 2.0 * course + np.where(np.arange(1200) >= 900, 3.0 * np.sin(np.arange(1200) / 40.0), 0.0)
+    run = made_run("a", s, rng, extra)
+    run.output_dph[100:130] = np.nan
+    term = Term(slope, (2.0,), (0.1,))
+    before, after = Model("b", (), WHITE), Model("a", (term,), WHITE)
+    ratio = np.linspace(1.0, 1.7, len(BANDS))
+    cells = [SimpleNamespace(profile="shock", band=band) for band in (1, 2, 3, 0)]
+    on = np.array([True, True, True, False])
+    floor = Floor(ratio, np.zeros(len(BANDS)), True)
+    found = _shares_by_phase(before, after, [run], floor, cells, on)
+    rows = np.stack([run.output_dph - model.predict(s) for model in (before, after)])
+    filled = bridge(run.missing, s.period_s, WHITE).over(rows)
+    sigma = math.sqrt(float(power_of(WHITE, 1200, s.period_s)[0]))
+    energy = np.zeros((2, 1200))
+    expected = 0.0
+    for band in (1, 2, 3):
+        part = band_slices(1200, s.period_s)[band]
+        only = np.zeros((2, 1200))
+        only[:, 1 + part.start : 1 + part.stop] = dct(filled / sigma, norm="ortho")[:, 1:][:, part]
+        energy += idct(only, norm="ortho") ** 2 / ratio[band]
+        expected += (part.stop - part.start) / 1200
+    assert list(found) == ["shock: room", "shock: shock"]
+    for name, share in found.items():
+        at = (run.phase == name.split(": ")[1]) & ~run.missing
+        first, then = (float((own[at] - expected).sum()) for own in energy)
+        assert share == pytest.approx(1.0 - then / first)
+    none = _shares_by_phase(
+        before, after, [run], Floor(ratio, np.zeros(len(BANDS)), True), cells, np.zeros(4, bool)
+    )
+    assert all(math.isnan(share) for share in none.values())
+
+
+def test_disturbances_are_taken_out_one_kind_after_the_other_and_named_if_the_model_has_them_not(monkeypatch):
+    one = next(own for own in catalogue().values() if type(own).__name__ == "Disturbance")
+    seen = []
+
+    def finds(name, less):
+        def find(records):
+            seen.append((name, [float(record.output_dph[0]) for record in records]))
+            if less is None:
+                return None
+            outputs = tuple(record.output_dph - less for record in records)
+            count = len(one.parameters)
+            return Finding((1.0,) * count, (0.1,) * count, f"of {name}", outputs)
+
+        return replace(one, name=name, meaning=name.upper(), find=find)
+
+    kinds = [finds("hum", 1.0), finds("none", None), finds("known", 10.0), finds("steps", 100.0)]
+    monkeypatch.setattr(
+        _disturbed, "catalogue", lambda: {"shupe": effect("shupe"), **{k.name: k for k in kinds}}
+    )
+    run = made_run("a", stimulus(20), np.random.default_rng(1))
+    run.output_dph[0] = 1000.0
+    count = len(one.parameters)
+    known = DisturbanceTerm(replace(one, name="known"), (1.0,) * count, (0.1,) * count)
+    found = _disturbed.without_disturbances([run], Model("m", (), WHITE, disturbances=(known,)))
+    assert seen == [("hum", [1000.0]), ("none", [999.0]), ("known", [999.0]), ("steps", [989.0])]
+    assert found.runs[0].output_dph[0] == 889.0 and run.output_dph[0] == 1000.0
+    assert [term.name for term in found.terms] == ["hum", "steps"]
+    assert found.sentences == {"hum": "HUM of hum", "steps": "STEPS of steps"}
+    assert set(found.probabilities) == {"hum", "steps"} and min(found.probabilities.values()) > 0.9
+
+
+def test_a_channel_without_runs_or_what_its_model_needs_is_refused():
+    signal = ChannelSignal("chamber_air")
+    assert signal.refused([], Model("m", (), WHITE)) == "not in these runs"
+    needed = sorted(
+        each.name for each in catalogue().values()
+        if isinstance(each, ChannelEffect) and each.channel == "chamber_air" and each.needed
+    )  # fmt: skip
+    said = signal.refused(["run"], Model("m", (), WHITE))
+    assert said == (f"the model has no {', '.join(needed)}: nothing to compare with" if needed else "")
+    terms = tuple(
+        ChannelTerm(catalogue()[name], tuple(sum(p.bounds(1.0)) / 2 for p in catalogue()[name].parameters),
+                    (1.0,) * len(catalogue()[name].parameters))
+        for name in needed
+    )  # fmt: skip
+    assert signal.refused(["run"], Model("m", (), WHITE, channel_terms=terms)) == ""
+
+
+def test_no_effect_of_a_channel_is_searched_where_nothing_is_clear_or_all_is_tolerated(monkeypatch):
+    asked = []
+
+    def search(*given):
+        asked.append(given)
+        return "fits", "best"
+
+    monkeypatch.setattr("bench.analysis.gap._channels.search_effects", search)
+    clear, vague = SimpleNamespace(clear=True), SimpleNamespace(clear=False)
+
+    def ready(rms, *places):
+        parts = {"cells": "c", "effects": "e", "terms": "t", "weight": "w"}
+        return SimpleNamespace(rms=rms, accuracy=1.0, places=places, nominal="own", **parts)
+
+    signal = ChannelSignal("table_rate")
+    assert (
+        signal.which(ready(1.0, clear)) == signal.which(ready(9.0, vague)) == (["own"], "own") and not asked
+    )
+    assert signal.which(ready(1.1, vague, clear)) == ("fits", "best")
+    assert asked == [("c", "e", "t", "w", "own", 1.0)]
