@@ -231,6 +231,8 @@ def test_an_allan_curve_of_one_averaging_time_is_taken_for_white():
     one = SimpleNamespace(tau_s=np.array([1.0]), deviation=np.array([2.0]))
     assert noise_exponents(one).tolist() == [0]
     assert noise_exponents(SimpleNamespace(tau_s=np.empty(0), deviation=np.empty(0))).tolist() == []
+    drift = SimpleNamespace(tau_s=np.array([1.0, 2.0, 4.0]), deviation=np.array([1.0, 2.0, 4.0]))
+    assert noise_exponents(drift).tolist() == [-2, -2, -2]
     ramp = SimpleNamespace(tau_s=np.array([1.0, 2.0]), deviation=np.array([4.0, 2.0]))
     assert noise_exponents(ramp).tolist() == [2, 2]
 
@@ -250,6 +252,13 @@ def test_a_coefficient_whose_scatter_grows_as_fast_as_itself_has_no_upper_end():
             roots = np.roots([1.0 - z * z * q, -2.0 * own, own * own - z * z * 0.04])
             assert (low[k], high[k]) == pytest.approx((max(roots.min(), 0.0), roots.max()))
         assert low[4] == 0.0 and high[4] == pytest.approx(z * 0.2 / math.sqrt(1.0 - z * z * q))
+    # the same where the variance grows with the coefficient, too
+    grows = SimpleNamespace(basis=basis, variance_of=lambda weights, squares, index: (0.04, 0.03, 0.1))
+    low, high = _intervals(grows, np.eye(5), variance, np.ones(5), z)
+    for k in range(4):
+        own = variance[k]
+        roots = np.roots([1.0 - z * z * 0.1, -2.0 * own - z * z * 0.03, own * own - z * z * 0.04])
+        assert (low[k], high[k]) == pytest.approx((max(roots.min(), 0.0), roots.max()))
     for q in (0.25, 0.3, 0.6):
         low, high = _intervals(scatter(q), np.eye(5), variance, np.ones(5), z)
         assert np.isinf(high).all()
@@ -355,3 +364,11 @@ def test_a_fit_needs_five_averaging_times_up_to_a_tenth_of_the_record():
     with pytest.raises(ConfigurationError, match="too few averaging times") as refused:
         fit_noise(few)
     assert refused.value.found == "4 up to a tenth of the record of 1000 s"
+
+
+def test_averaging_times_that_a_record_has_not_are_told_with_those_that_it_has():
+    for times in ([0.1], [63.0], []):
+        with pytest.raises(ConfigurationError, match="outside the record") as refused:
+            allan_deviation(np.random.default_rng(1).normal(size=501), 4.0, times)
+        assert refused.value.expected == "0.25..62.5 s"
+    assert allan_deviation(np.arange(501.0), 4.0, [0.25, 62.5, 0.26]).tau_s.tolist() == [0.25, 62.5]

@@ -16,6 +16,7 @@ from bench.analysis.thermal._anchor import anchor_runs
 from bench.analysis.thermal._compensation import Compensation
 from bench.analysis.thermal._dataset import _end_s
 from bench.analysis.thermal._evaluate import evaluate
+from bench.analysis.thermal._features import centred_mean
 from bench.analysis.thermal._grey_box import GreyBoxModel, GreyBoxParameters, _cost, _inputs, _terms
 from bench.analysis.thermal._hybrid import GreyResidualModel
 from bench.analysis.thermal._leave_out import _score, choose
@@ -373,3 +374,14 @@ def test_rows_of_a_rate_run_are_whole_seconds_from_its_reference_on(monkeypatch)
     run.manifest = SimpleNamespace(outcome="o", reason="")
     with pytest.raises(ConfigurationError, match="no phase 'reference'"):
         _dataset._rate_run(run, "g", 1.0, 131.0, 170.0)
+
+
+@pytest.mark.parametrize(
+    ("count", "known", "there"), [(4, 2, True), (4, 1, False), (5, 3, True), (5, 2, False)]
+)
+def test_a_mean_around_a_sample_needs_half_of_its_window(count, known, there):
+    values = np.full(21, np.nan)
+    values[10 - count // 2 : 10 - count // 2 + known] = np.arange(known) + 3.0
+    found = centred_mean(values, count)[10]
+    assert found == pytest.approx(np.arange(known).mean() + 3.0) if there else math.isnan(found)
+    assert centred_mean(np.arange(9.0), 4).tolist() == [0.5, 1.0, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.0]
