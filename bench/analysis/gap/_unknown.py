@@ -50,7 +50,7 @@ def remainder(cells: Sequence[Cell], variance: Array, gap: Array, left: Array, f
     """
     number = counts(cells)
     band = np.array([cell.band for cell in cells])
-    excess = np.maximum(left - number, 0.0)
+    excess = left - number
     share = excess / np.maximum(np.maximum(gap - number, excess), 1e-12)
     expected = number * variance * (1.0 + _MISFIT_OF_FLOOR + 2.0 * floor.sigma[band])
     repeatable = np.array([cell.repeatable for cell in cells])

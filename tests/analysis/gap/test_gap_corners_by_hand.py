@@ -32,9 +32,9 @@ from bench.analysis.gap._cells import BANDS, band_slices
 from bench.analysis.gap._channel_data import _air, _angle, _rate, load_channels
 from bench.analysis.gap._channels import ChannelFinding, ChannelSignal, _verdict
 from bench.analysis.gap._close import _shares_by_phase
-from bench.analysis.gap._data import Group
+from bench.analysis.gap._data import Group, check_runs
 from bench.analysis.gap._examination import _Case, _judged, _seal
-from bench.analysis.gap._fit import Floor
+from bench.analysis.gap._fit import Floor, Solution, beside_nominal
 from bench.analysis.gap._import import read_imported_run, read_mapped_runs
 from bench.analysis.gap._lines import strongest_line
 from bench.analysis.gap._model_file import ChannelTerm, DisturbanceTerm, model_text, parse_model
@@ -540,3 +540,30 @@ def test_no_effect_of_a_channel_is_searched_where_nothing_is_clear_or_all_is_tol
     )
     assert signal.which(ready(1.1, vague, clear)) == ("fits", "best")
     assert asked == [("c", "e", "t", "w", "own", 1.0)]
+
+
+def test_what_columns_do_beside_the_nominal_ones_is_their_least_squares_with_priors():
+    """Rows of numpy: the columns' sum, fitted by the nominal ones with a row for each prior."""
+    rng = np.random.default_rng(7)
+    rows, sigmas = rng.normal(size=(40, 5)), np.array([0.3, 4.0])
+    gram = np.zeros((6, 6))
+    gram[1:, 1:] = rows.T @ rows
+    fitted = Solution(np.array([1, 2, 4, 5]), np.array([9.0, 9.0, 1.5, -2.0]), np.zeros((4, 4)))
+    found = beside_nominal(gram, sigmas, fitted, [4, 5])
+    target = np.append(rows[:, 3:] @ [1.5, -2.0], [0.0, 0.0])
+    design = np.vstack((rows[:, :2], np.diag(1.0 / sigmas)))
+    taken = np.linalg.lstsq(design, target, rcond=None)[0]
+    assert found.indices.tolist() == [1, 2, 4, 5]
+    assert found.values == pytest.approx([*-taken, 1.5, -2.0])
+
+
+def test_a_run_of_which_too_much_is_missing_is_told_with_the_most_that_may_be():
+    run = made_run("a", stimulus(1000), np.random.default_rng(1))
+
+    def lacking(count):
+        return replace(run, output_dph=np.where(np.arange(1000) < count, np.nan, run.output_dph))
+
+    check_runs([lacking(600)])
+    with pytest.raises(ConfigurationError, match="too much of the output is missing") as refused:
+        check_runs([lacking(700)])
+    assert (refused.value.found, refused.value.expected) == ("70 %", "at most 60 %; gaps are bridged")
