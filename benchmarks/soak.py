@@ -35,6 +35,7 @@ from bench.control.session import Bench
 from bench.lab.emulated import EmulatedLab, Plant
 from bench.record.benchfile import BenchFile, bench_file_from
 from bench.record.recording import read_manifest, verify
+from benchmarks._sealed_runs import FILE
 from benchmarks._sections import write_section
 from drivers.base import clock as host
 from drivers.base.errors import BenchError, RunAborted
@@ -60,24 +61,7 @@ _READ = {
 _HOLD_S = 60.0
 _LATEST_END_S = 8000.0
 _MUST_TELL_S = 11.0
-_FILE: dict[str, Any] = {
-    "bench": {"name": "soak", "latitude_deg": 39.1},
-    "table": {"driver": "acutrol3000", "port": "pty-table"},
-    "chamber": {"driver": "weiss", "port": "pty-chamber"},
-    "gyro": [
-        {"name": "fog_1", "driver": "kvh1750", "port": "pty", "rate_hz": 100, "axis": "x", "unit": "F1"},
-        {
-            "name": "can_1",
-            "driver": "sbg_ellipse",
-            "interface": "gyrobench_slcan",
-            "channel": "pty-can",
-            "rate_hz": 100,
-            "axes": "xyz",
-            "axis": "z",
-            "unit": "E1",
-        },
-    ],
-}
+_FILE: dict[str, Any] = FILE | {"bench": FILE["bench"] | {"name": "soak"}}
 
 
 @dataclass(frozen=True)

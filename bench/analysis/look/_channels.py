@@ -33,8 +33,8 @@ _OTHERWISE = re.compile(
     r"(^|[_ ])dt$|integral|interval|clip|relative|packet|_id$"
 )
 """Columns that are none of these in spite of their names or units."""
-_NAMELESS = re.compile(r"[a-z]|(.*[_. ])?[a-z]*[ _:.]*\d+|")
-"""Names that may say nothing: a letter, a number, a word with a number, as of a matrix in a file; and none."""
+_NAMELESS = re.compile(r"[a-z]?|.*\d")
+"""Names that may say nothing: none, a letter, and what ends in a number, as columns of a matrix do."""
 _TELLING = re.compile(
     r"vel|pos|dcm|quat|euler|element|lat|lon|alt|speed|ang|std|cov|mag|press|volt|curr|(^|[_. ])q\d"
 )
@@ -59,6 +59,7 @@ _AS_IT_IS = Scale(1.0)
 _G_NEAR = 0.15
 """How far the norm of accelerometers at rest may be off gravity."""
 _UNIT_VECTOR = 1e-6
+"""Part of their norm by which directions differ in length; what is measured differs by more."""
 _PACE, _PACE_ROWS = 0.02, 4.0
 """Part, and rows in all, by which times of one log may differ in pace: clocks differ by far less."""
 _SLOWEST_HZ, _FASTEST_HZ = 0.2, 20e3

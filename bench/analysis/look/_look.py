@@ -118,6 +118,7 @@ def look(log: Path, options: LookOptions | None = None) -> Look:
         group=options.group,
         dbc=options.dbc,
         frames=options.frames,
+        rate_hz=options.rate_hz,
         sought=is_gyro,
     )
     sound, remarks = without_padding(table.columns)

@@ -47,9 +47,7 @@ def _environment() -> Environment:
 
 def _in_style(text: str) -> str:
     """Return a text as it may stand between quotes in a style sheet: what could end either becomes a blank."""
-    return "".join(
-        letter if letter.isalnum() or letter in " .,:;-_()/+" else " " for letter in printable(text)
-    )
+    return "".join(" " if letter in "\"'\\<>&{}\n" else letter for letter in printable(text))
 
 
 def _finalize(value: Any) -> Any:

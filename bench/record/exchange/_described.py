@@ -22,12 +22,14 @@ from drivers.frames import (
 )
 from drivers.frames import to_bench_unit as factor_of
 
-CLOCK, SAMPLE = "unit_time", "sample"
-"""Names of the unit's own clock, in s, and where it has none of the number of each row: lost ones leave a gap."""
+FRAME_TIME = "frame_time"
+"""Name of the times, in s: by the unit's own clock, or its counter at the sample rate. Lost frames leave gaps."""
 _BLOCK = 1 << 20
 _TRIED = 1 << 16
 _ENOUGH = 3
 """Sound frames that make a description fit."""
+_LONGEST = 100_000
+"""Frames that may be lost at once."""
 _UNITS = {
     "rate": "deg/s",
     "delta_angle": "deg/sample",
@@ -53,19 +55,21 @@ def fitting_description(file: Path) -> str:
 
 @dataclass(frozen=True)
 class Described:
-    """Columns (n,) of a message with units; where the unit sends a clock, times in CLOCK and no `rate_hz`."""
+    """Columns (n,) of a message with their units, FRAME_TIME first."""
 
     columns: dict[str, Array]
     units: dict[str, str]
-    rate_hz: float | None
     remarks: list[str]
 
 
-def read_described(file: Path, description: str, message: str = "") -> Described:
+def read_described(
+    file: Path, description: str, message: str = "", rate_hz: float | None = None
+) -> Described:
     """Read the bytes in a file by a shipped description's name or a description file.
 
-    `message` names one of several; default the commonest with rates. Rates of a frame that says that they do not
-    count are NaN. ConfigurationError for a description that cannot be used and a file without such frames.
+    `message` names one of several; default the commonest with rates. `rate_hz`: default the usual one of the
+    description. Rates of a frame that says that they do not count are NaN. ConfigurationError for a description
+    that cannot be used and a file without such frames.
     """
     family = load_family(description)
     message = message or _commonest(file, family)
@@ -79,29 +83,35 @@ def read_described(file: Path, description: str, message: str = "") -> Described
             expected="one of " + ", ".join(each.name for each in family.forms if each.measures),
         )
     usual_hz = family.description.link.nominal_rate_hz
-    decoder = FrameDecoder(family, rate_hz=usual_hz, axes=axes, message=message)
+    decoder = FrameDecoder(family, rate_hz=rate_hz or usual_hz, axes=axes, message=message)
     batches = [batch for block in _blocks(file) if len(batch := decoder.feed(block))]
     if not batches:
         raise _without(file, family)
     raw = {name: np.concatenate([batch.columns[name] for batch in batches]) for name in batches[0].columns}
-    steps = np.mod(np.diff(raw["counter"], prepend=raw["counter"][0]), decoder.counter_modulo)
-    ticks_hz = form.counter.ticks_per_s if form.counter and decoder.has_counter else None
-    counted = np.cumsum(steps) / (ticks_hz or decoder.counter_step)
+    samples = np.mod(np.diff(raw["counter"], prepend=raw["counter"][0]), decoder.counter_modulo)
+    samples = samples / decoder.counter_step
+    anew = samples > np.maximum(
+        _LONGEST, len(samples)
+    )  # more than the record: the unit was switched on again
+    samples[anew] = 1.0
     columns, units = _in_bench_units(form, raw)
     refused = ", ".join(f"{n} {reason}" for reason, n in decoder.counts.rejected.items()) or "none"
     remarks = [
-        f"{len(counted)} frames {message} of {family.description.title}; refused: {refused}; bytes in no frame: "
+        f"{len(samples)} frames {message} of {family.description.title}; refused: {refused}; bytes in no frame: "
         f"{decoder.counts.bytes_skipped}"
     ]
-    if ticks_hz is None:
+    if rate_hz is None and (form.counter is None or form.counter.ticks_per_s is None):
         remarks.append(
             f"{usual_hz:g} Hz is what the description calls usual: say --rate HZ if it was another"
         )
     if bad := int(np.count_nonzero(raw["valid"] == 0)):
         remarks.append(f"{bad} frames say that their rates do not count")
-    if ticks_hz is None:
-        return Described({SAMPLE: counted, **columns}, units, usual_hz, remarks)
-    return Described({CLOCK: counted, **columns}, {CLOCK: "s", **units}, None, remarks)
+    if anew.any():
+        remarks.append(
+            f"the counter begins anew {np.count_nonzero(anew)} times: how long the unit was off is not known"
+        )
+    time_s = np.cumsum(samples) / decoder.nominal_rate_hz
+    return Described({FRAME_TIME: time_s, **columns}, {FRAME_TIME: "s", **units}, remarks)
 
 
 def _in_bench_units(form: Form, raw: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, str]]:

@@ -55,16 +55,16 @@ class Table:
 
 def read_table(
     file: Path, names: Sequence[str] = (), *, separator: str = "", skip: int | None = None, group: str = "",
-    dbc: Sequence[Path] = (), frames: str = "", periods: Mapping[str, float] = _NO_PERIODS,
-    sought: Sought = lambda name: False,
+    dbc: Sequence[Path] = (), frames: str = "", rate_hz: float | None = None,
+    periods: Mapping[str, float] = _NO_PERIODS, sought: Sought = lambda name: False,
 ) -> Table:  # fmt: skip
     """Read a log, by the ending of its name; `names`: these columns only, all of which must be there.
 
     `separator` and `skip` (lines before the first row of numbers) are for text, `group` names one of several
     tables in an NPZ, MAT or HDF5 file, `dbc` decode the CAN frames of an MDF file. `frames`: a description's
-    name or file; the log is the bytes of such a unit, of which `group` names a message. Channels of an MDF file
-    are put on the times of the first of `names` (`periods`: by how much a column jumps after a turn); without
-    names, they are those of the group with most channels `sought`, of equal ones the longest.
+    name or file; the log is the bytes of such a unit at `rate_hz`, of which `group` names a message. Channels
+    of an MDF file are put on the times of the first of `names` (`periods`: by how much a column jumps after a
+    turn); without names, they are those of the group with most channels `sought`, of equal ones the longest.
     ConfigurationError for a file that cannot be read or lacks a column.
     """
     if not file.is_file():
@@ -72,7 +72,7 @@ def read_table(
     ending = file.suffix.lower()
     try:
         if frames:
-            return _described(file, frames, names, group)
+            return _described(file, frames, names, group, rate_hz)
         if ending in _PACKED:
             raise OSError("it is packed, and a packed file can be of any size: unpack it first")
         if ending in (".parquet", ".pq"):
@@ -102,15 +102,16 @@ def read_table(
         raise _unreadable(file, str(error).splitlines()[0] if str(error) else type(error).__name__) from error
 
 
-def _described(file: Path, description: str, names: Sequence[str], message: str) -> Table:
-    from bench.record.exchange._described import CLOCK, read_described
+def _described(
+    file: Path, description: str, names: Sequence[str], message: str, rate_hz: float | None
+) -> Table:
+    from bench.record.exchange._described import FRAME_TIME, read_described
 
-    found = read_described(file, description, message)
+    found = read_described(file, description, message, rate_hz)
     wanted = _checked(names, list(found.columns), file)
-    time = CLOCK if CLOCK in wanted else ""
-    return Table(
-        {name: found.columns[name] for name in wanted}, found.remarks, found.units, found.rate_hz, time
-    )
+    time = FRAME_TIME if FRAME_TIME in wanted else ""
+    units = {name: found.units[name] for name in wanted}
+    return Table({name: found.columns[name] for name in wanted}, found.remarks, units, time=time)
 
 
 def _lines(file: Path, head: Sequence[str], names: Sequence[str], tag: str, sought: Sought) -> Table:

@@ -94,9 +94,7 @@ def verify(
             problems.append(FileProblem("raw", f"the tables cannot be rebuilt: {error}"))
         names = sorted({path.name for place in (folder, Path(rebuilt)) for path in place.glob("*.parquet")})
         named = {problem.path for problem in problems}
-        if (
-            manifest.outcome == "aborted"
-        ):  # its disk may have been full by then: sealed without them, raw is whole
+        if manifest.outcome == "aborted":  # its disk may have been full: sealed without tables, raw is whole
             named |= {name for name in names if not (folder / name).exists() and name not in manifest.files}
         problems += [
             FileProblem(name, text)

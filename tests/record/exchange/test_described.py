@@ -80,12 +80,13 @@ def test_columns_are_in_the_benchs_units_and_lost_frames_leave_a_gap(tmp_path):
     rows = [frame(3600 * (k + 1) // 2, 100 - k, 300 + k, n) for k, n in enumerate(numbers)]
     file, unit = described(tmp_path, b"noise" + b"".join(rows) + b"\xa5")
     table = read_table(file, frames=unit)
-    assert table.columns["sample"].tolist() == [0, 1, 2, 5, 6]
+    assert (50.0 * table.columns["frame_time"]).tolist() == pytest.approx([0, 1, 2, 5, 6])
     assert table.columns["rate_x"].tolist() == pytest.approx([0.5, 1.0, 1.5, 2.0, 2.5])
     assert table.columns["force_y"].tolist() == pytest.approx([(100 - k) * 9.80665e-3 for k in range(5)])
     assert table.columns["inner"].tolist() == pytest.approx([26.85 + k for k in range(5)], abs=1e-4)
-    assert table.units == {"rate_x": "deg/s", "force_y": "m/s^2", "inner": "degC"}
-    assert table.rate_hz == 50.0 and table.time == ""
+    assert table.units == {"frame_time": "s", "rate_x": "deg/s", "force_y": "m/s^2", "inner": "degC"}
+    assert table.time == "frame_time"
+    assert (10.0 * read_table(file, frames=unit, rate_hz=10.0).columns["frame_time"])[-1] == pytest.approx(6)
     assert list(read_table(file, ["inner"], frames=unit).columns) == ["inner"]
     with pytest.raises(ConfigurationError, match="no such column"):
         read_table(file, ["outer"], frames=unit)
@@ -111,10 +112,9 @@ def test_increments_are_increments_and_a_clock_of_the_unit_gives_the_times(tmp_p
     rows = [frame(1800, 0, 300, count) for count in (250, 252, 254, 0, 4)]
     file, unit = described(tmp_path, b"".join(rows), text)
     table = read_table(file, frames=unit)
-    assert table.columns["unit_time"].tolist() == pytest.approx([0.0, 0.02, 0.04, 0.06, 0.10])
-    assert table.time == "unit_time" and table.rate_hz is None
+    assert table.columns["frame_time"].tolist() == pytest.approx([0.0, 0.02, 0.04, 0.06, 0.10])
     assert table.columns["rate_x"].tolist() == pytest.approx([0.5] * 5)
-    assert table.units["rate_x"] == "deg/sample" and table.units["unit_time"] == "s"
+    assert table.units["rate_x"] == "deg/sample" and table.units["frame_time"] == "s"
 
 
 def test_a_file_without_such_frames_is_refused_with_what_it_begins_with(tmp_path):
@@ -135,8 +135,29 @@ def test_a_unit_at_rest_looked_at_from_its_bytes(tmp_path):
     data = b"".join(frame(int(rate), 0, 300, k % 256) for k, rate in enumerate(rates))
     file, unit = described(tmp_path, data)
     found = look(file, LookOptions(frames=unit))
-    assert found.clock.rate_hz == 50.0 and found.axes[0].figures.mean == pytest.approx(rates.mean() / 3600)
+    assert found.clock.rate_hz == pytest.approx(50.0) and found.axes[0].figures.mean == pytest.approx(
+        rates.mean() / 3600
+    )
     assert look(file, LookOptions(frames=unit, rate_hz=200.0)).clock.rate_hz == 200.0
+
+
+def test_lost_frames_are_gaps_of_the_look_and_a_restart_is_none(tmp_path):
+    """A counter of four bytes: 50 frames are lost, and the unit is switched on again, which counts from zero."""
+    text = UNIT.replace('at = 8\ntype = "u8"', 'at = 8\ntype = "u32"').replace("at = 9", "at = 12")
+
+    def frames(first: int, last: int) -> bytes:
+        bodies = (struct.pack(">hhHIB", k % 9, 1, 300, k, 0) for k in range(first, last))
+        return b"".join(b"\xa5\x5a" + body + bytes([sum(body) & 0xFF]) for body in bodies)
+
+    file, unit = described(tmp_path, frames(5000, 7000) + frames(7050, 9000), text)
+    for rate_hz in (None, 200.0):
+        found = look(file, LookOptions(frames=unit, rate_hz=rate_hz))
+        assert (found.clock.gaps, found.clock.lost) == (1, 50)
+        assert found.clock.longest_s == pytest.approx(51 / (rate_hz or 50.0))
+    file, unit = described(tmp_path, frames(5000, 7000) + frames(0, 1000), text)
+    found = look(file, LookOptions(frames=unit))
+    assert (found.clock.rows, found.clock.lost) == (3000, 0)
+    assert any("begins anew 1 times" in remark for remark in found.remarks)
 
 
 @pytest.mark.skipif(not CAPTURE.exists(), reason="the real capture is not beside this checkout")
