@@ -138,6 +138,10 @@ def test_an_operator_sees_answers_and_aborts(panel: Panel, session: subprocess.P
 def test_every_page_has_the_strip_of_all_benches(panel: Panel) -> None:
     from playwright.sync_api import expect
 
+    # what the server tells a page at its first word: a page that is held up for ten seconds is not given up
+    with urlopen(panel.url + "_nicegui_ws/socket.io/?EIO=4&transport=polling") as told:
+        assert json.loads(told.read()[1:])["pingTimeout"] >= 10_000
+
     write_now(panel.runs / "first", "Lot <12>")
     with browser_page() as page:
         page.goto(panel.url)
