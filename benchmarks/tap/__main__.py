@@ -46,7 +46,7 @@ _MEANING = (
     "median and worst: of the later of the two stop commands, and of the first answer without rotation; a table "
     "at 10 deg/s brakes for its own time. Nothing moved: struck before the first command. Records: every byte "
     "that passed a second before the deed and earlier is in the folder, none that did not pass, and the folder "
-    "verifies. Nobody guards a bench whose two guards die before either could be replaced (docs/safety.md)."
+    "verifies."
 )
 _BENCH = """
 [bench]
@@ -180,26 +180,24 @@ class Lane:
                 tally.unmoved += 1
                 return True
             told = (
-                _judge.told_s(table, _judge.STOP_TABLE, struck_s),
-                _judge.told_s(chamber, _judge.STOP_CHAMBER, struck_s),
+                _judge.told_s(table, _judge.STOP_TABLE, trial.struck_from_s),
+                _judge.told_s(chamber, _judge.STOP_CHAMBER, trial.struck_from_s),
             )
             rest_s = _judge.rest_s(table, told[0]) if told[0] else None
             if None in told or rest_s is None:
                 return False
-            tally.told_s.append(max(time_s for time_s in told if time_s is not None) - struck_s)
-            tally.rest_s.append(rest_s - struck_s)
+            tally.told_s.append(max(struck_s, *(time_s for time_s in told if time_s is not None)) - struck_s)
+            tally.rest_s.append(max(struck_s, rest_s) - struck_s)
             return True
 
         try:
             wait_for(
                 stopped,
                 f"stop of the bench ({trial.folder.name})",
-                40.0 if deed.guarded else 2.0 * _REST_WITHIN_S,
             )
         except TimeoutError as error:
             tally.unstopped += 1
-            if deed.guarded:
-                tally.problems.append(f"{deed.name}: no {error}")
+            tally.problems.append(f"{deed.name}: no {error}")
 
     def _look_at_the_folder(self, trial: Trial, struck_s: float, tally: Tally) -> Iterator[str]:
         """Yield what the folder lacks, or says that is not so."""
@@ -268,10 +266,10 @@ def main() -> int:
     count, seed, lanes = (*map(int, sys.argv[1:4]), *(72, 1, 2)[len(sys.argv) - 1 :])
     tallies = _trials(count, seed, lanes)
     late = [
-        f"{deed.name}: told to stop after {told_s:.2f} s"
+        f"{deed.name}: at rest after {rest_s:.2f} s"
         for deed in DEEDS
-        for told_s in tallies[deed.name].told_s
-        if deed.guarded and told_s > _REST_WITHIN_S
+        for rest_s in tallies[deed.name].rest_s
+        if rest_s > _REST_WITHIN_S
     ]
     problems = [*late, *(problem for tally in tallies.values() for problem in tally.problems)]
     trials = sum(tally.trials for tally in tallies.values())

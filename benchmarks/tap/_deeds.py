@@ -31,6 +31,8 @@ class Trial:
     begun_s: float
     reads_to_s: float = math.inf
     """From then on the runner was dead or stopped: what it did not read a line may drop."""
+    struck_from_s: float = math.inf
+    """From then on somebody may have told the bench to stop."""
 
     def heard(self) -> list[list[_wire.Heard]]:
         """Return what passed at the ports since it was begun."""
@@ -51,10 +53,9 @@ class Trial:
             ]
         return []
 
-    @property
-    def watchdog(self) -> int:
-        """The process that guards it, once there is one."""
-        return int(wait_for(lambda: self.watchdogs[-1:], "a watchdog")[0])
+    def watchdog(self, number: int = 0) -> int:
+        """The first process that guards it, or the second, once there is one."""
+        return int(wait_for(lambda: self.watchdogs[number : number + 1], "a watchdog")[0])
 
     def codes(self) -> list[str]:
         """Return the codes of its alarms and of what makes it invalid so far."""
@@ -65,6 +66,7 @@ class Trial:
     def kill(self, pid: int, number: signal.Signals = signal.SIGKILL) -> float:
         """Send a signal to a process; return when. One that has ended already has no harm done."""
         now_s = time.monotonic()  # before: its stop may be on the wire by the time that this goes on
+        self.struck_from_s = min(self.struck_from_s, now_s)
         if pid == self.pid and number in (signal.SIGKILL, signal.SIGSTOP):
             self.reads_to_s = min(self.reads_to_s, now_s)
         with suppress(ProcessLookupError):
@@ -74,14 +76,10 @@ class Trial:
 
 @dataclass(frozen=True)
 class Deed:
-    """What is done to a bench: `then` strikes and returns when, s.
-
-    `guarded`: one fault, or two of which the table of docs/safety.md says that the bench comes to rest.
-    """
+    """What is done to a bench: `then` strikes and returns when, s."""
 
     name: str
     then: Callable[[Trial, random.Random], float]
-    guarded: bool = True
 
 
 def wait_for(condition: Callable[[], Any], what: str, patience_s: float = _PATIENCE_S) -> Any:
@@ -98,16 +96,12 @@ def _runner(number: signal.Signals) -> Callable[[Trial, random.Random], float]:
     return lambda trial, _: trial.kill(trial.pid, number)
 
 
-def _replaced(trial: Trial, first: int) -> None:
-    wait_for(lambda: trial.watchdogs[-1:] not in ([], [first]), "another watchdog's process")
-
-
 def _guarded_again(number: signal.Signals, end: signal.Signals) -> Callable[[Trial, random.Random], float]:
-    """Return a deed: the watchdog is lost; the run goes on; the runner ends when another guards."""
+    """Return a deed: a watchdog is lost, either; the run goes on; the runner ends when another has come up."""
 
     def strike(trial: Trial, moments: random.Random) -> float:
         wait_for(lambda: _judge.turning(trial.heard()[0]), "a table that turns")  # armed by then
-        trial.kill(trial.watchdog, number)
+        trial.kill(trial.watchdog(moments.choice((0, 1))), number)
         wait_for(lambda: "watchdog_back" in trial.codes(), "another watchdog")
         time.sleep(moments.uniform(0.0, 0.5))
         return trial.kill(trial.pid, end)
@@ -115,29 +109,35 @@ def _guarded_again(number: signal.Signals, end: signal.Signals) -> Callable[[Tri
     return strike
 
 
-def _both_soon(trial: Trial, moments: random.Random) -> float:
-    """The watchdog dies; the runner when the other one has been started and is not up yet."""
-    wait_for(lambda: _judge.turning(trial.heard()[0]), "a table that turns")  # armed by then
-    first = trial.watchdog
-    trial.kill(first)
-    _replaced(trial, first)
+def _both(
+    runner: signal.Signals, watchdog: signal.Signals, which: int
+) -> Callable[[Trial, random.Random], float]:
+    """Return a deed: the runner and one of its watchdogs are lost within a second, either first."""
+
+    def strike(trial: Trial, moments: random.Random) -> float:
+        losses = [(trial.watchdog(which), watchdog), (trial.pid, runner)]
+        moments.shuffle(losses)
+        trial.kill(*losses[0])
+        time.sleep(moments.choice((0.0, moments.uniform(0.0, 0.05), moments.uniform(0.0, 1.0))))
+        return trial.kill(*losses[1])
+
+    return strike
+
+
+def _both_watchdogs(trial: Trial, moments: random.Random) -> float:
+    """Both watchdogs die; the runner goes on, or it ends the run if no other one comes up."""
+    wait_for(lambda: _judge.turning(trial.heard()[0]), "a table that turns")
+    for pid in (trial.watchdog(1), trial.watchdog(0)):
+        trial.kill(pid)
+    wait_for(lambda: "watchdog_back" in trial.codes(), "another watchdog")
     time.sleep(moments.uniform(0.0, 0.5))
     return trial.kill(trial.pid)
 
 
-def _either_first(trial: Trial, moments: random.Random) -> float:
-    """Both die within a second: whether anybody is left to stop the bench is chance."""
-    pids = [trial.watchdog, trial.pid]
-    moments.shuffle(pids)
-    trial.kill(pids[0])
-    time.sleep(moments.choice((0.0, moments.uniform(0.0, 0.05), moments.uniform(0.0, 1.0))))
-    return trial.kill(pids[1])
-
-
 def _all_stands_still(trial: Trial, moments: random.Random) -> float:
-    """Runner and watchdog are stopped and go on; the run says so and is ended as any other."""
+    """Runner and watchdogs are stopped and go on; the run says so and is ended as any other."""
     wait_for(lambda: _judge.turning(trial.heard()[0]), "a table that turns")
-    pids = (trial.pid, trial.watchdog)
+    pids = (trial.pid, trial.watchdog(1), trial.watchdog(0))
     for pid in pids:
         trial.kill(pid, signal.SIGSTOP)
     time.sleep(moments.uniform(3.5, 6.0))
@@ -162,9 +162,13 @@ DEEDS = (
     Deed("runner stopped", _runner(STOP)),
     Deed("runner told to end", _runner(TERM)),
     Deed("runner told to end, killed while it does", _while_it_ends),
-    Deed("watchdog killed, then the runner", _guarded_again(KILL, KILL)),
-    Deed("watchdog stopped, then the runner killed", _guarded_again(STOP, KILL)),
-    Deed("watchdog killed, the runner before another is up", _both_soon),
+    Deed("a watchdog killed, then the runner", _guarded_again(KILL, KILL)),
+    Deed("a watchdog stopped, then the runner killed", _guarded_again(STOP, KILL)),
+    Deed("both watchdogs killed, then the runner", _both_watchdogs),
+    Deed("runner and first watchdog killed within 1 s", _both(KILL, KILL, 0)),
+    Deed("runner killed and first watchdog stopped within 1 s", _both(KILL, STOP, 0)),
+    Deed("runner stopped and first watchdog killed within 1 s", _both(STOP, KILL, 0)),
+    Deed("runner and first watchdog stopped within 1 s", _both(STOP, STOP, 0)),
+    Deed("runner and second watchdog killed within 1 s", _both(KILL, KILL, 1)),
     Deed("all stopped for 3.5 to 6 s, then told to end", _all_stands_still),
-    Deed("both killed within 1 s, either first", _either_first, guarded=False),
 )

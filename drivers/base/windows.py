@@ -45,6 +45,11 @@ def end_process(handle: int, timeout_s: float) -> None:
     _winapi.WaitForSingleObject(handle, round(timeout_s * 1e3))
 
 
+def has_ended(handle: int, timeout_s: float) -> bool:
+    """Return whether a process has ended, now or within `timeout_s`."""
+    return bool(_winapi.WaitForSingleObject(handle, round(timeout_s * 1e3)) != _RUNS)
+
+
 def process_runs(pid: int) -> bool:
     """Return whether a process still runs."""
     try:

@@ -206,6 +206,7 @@ def test_a_runner_that_reads_nothing_does_not_stop_its_watchdog(tmp_path: Path) 
         "runner": os.getpid(),
         "lease": [],
         "armed": False,
+        "first": None,
     }
     with subprocess.Popen(
         [sys.executable, "-P", "-m", "bench.control.watchdog"],

@@ -62,6 +62,29 @@ def await_end(pid):
         os.close(descriptor)
 
 
+def watchdogs(process):
+    """Return the pids of both watchdogs of a runner, the first one first, once the second is up."""
+    found = []
+
+    def both():
+        found[:] = [
+            int(pid)
+            for pid in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+            if b"bench.control.watchdog" in Path(f"/proc/{pid}/cmdline").read_bytes()
+        ]
+        # it ignores SIGTERM as soon as nothing is left to import
+        return len(found) == 2 and all(ignores(pid, signal.SIGTERM) for pid in found)
+
+    assert wait_for(both, 30.0)
+    return found
+
+
+def ignores(pid, number):
+    status = Path(f"/proc/{pid}/status").read_text()
+    (mask,) = (line.split()[1] for line in status.splitlines() if line.startswith("SigIgn"))
+    return int(mask, 16) >> (number - 1) & 1
+
+
 def watchdog_events(folder):
     return [json.loads(line) for line in (folder / "watchdog" / "events.jsonl").read_text().splitlines()]
 
@@ -108,6 +131,24 @@ def test_the_watchdog_takes_over_from_a_runner_that_is_gone_or_hangs(lab, tmp_pa
             data for _, way, data in read_exchanges(folder / "watchdog", port) if way == "sent"
         )
     assert Run.open(folder).manifest.outcome == "running"
+    take_lease(lab.file, "another").release()
+
+
+@pytest.mark.parametrize("runner", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize("first", [signal.SIGKILL, signal.SIGSTOP])
+def test_when_runner_and_first_watchdog_are_lost_at_once_the_second_brings_the_bench_to_rest(
+    lab, tmp_path, first, runner
+):
+    with turning(lab, tmp_path) as process:
+        pids = watchdogs(process)
+        os.kill(pids[0], first)
+        process.send_signal(runner)
+        await_end(pids[1])
+        assert process.wait() == -signal.SIGKILL
+    rows = watchdog_events(tmp_path / "run")
+    assert rows[0]["cause"] == ("runner_ended" if runner == signal.SIGKILL else "runner_silent")
+    assert {row["state"] for row in rows if row["kind"] == "safe_state"} == {"confirmed"}
+    assert (rows[-1]["kind"], rows[-1]["confirmed"]) == ("takeover_ended", True)
     take_lease(lab.file, "another").release()
 
 
@@ -208,12 +249,12 @@ def test_a_dead_or_stopped_watchdog_is_an_alarm_within_two_seconds_and_the_next_
 def test_a_bench_that_stood_still_as_a_whole_says_so_and_ends_when_it_was_long(
     lab, tmp_path, stopped_s, code
 ):
-    """Runner and watchdog are stopped and go on together, as on a virtual machine that was paused."""
+    """Runner and watchdogs are stopped and go on together, as on a virtual machine that was paused."""
     folder = tmp_path / "run"
     with turning(lab, tmp_path) as process:
-        watchdog = lease_holder(lab.file).watchdog_pid
+        pids = [process.pid, *watchdogs(process)]
         for number in (signal.SIGSTOP, signal.SIGCONT):
-            for pid in (process.pid, watchdog):
+            for pid in pids:
                 os.kill(pid, number)
             if number == signal.SIGSTOP:
                 with pytest.raises(subprocess.TimeoutExpired):
@@ -233,7 +274,8 @@ def test_a_bench_that_stood_still_as_a_whole_says_so_and_ends_when_it_was_long(
 def test_a_run_without_another_watchdog_ends_invalid_with_the_bench_at_rest(lab, tmp_path):
     folder = tmp_path / "run"
     with turning(lab, tmp_path, "no-other-watchdog") as process:
-        os.kill(lease_holder(lab.file).watchdog_pid, signal.SIGKILL)
+        for pid in watchdogs(process):
+            os.kill(pid, signal.SIGKILL)
         assert process.stdout.readline() == b"aborted\n"
         process.wait()
     run = Run.open(folder)

@@ -10,6 +10,7 @@ import pytest
 
 from bench.control.lease import Lease, lease_holder, take_lease
 from bench.control.watchdog import _process
+from bench.control.watchdog._other import Other
 from bench.record.benchfile import BenchFile, load_bench_file
 from drivers.base.errors import BenchInUse, ConfigurationError
 
@@ -37,7 +38,7 @@ def taken_over(
     """Return what the watchdog of a bench without devices writes down, and how long it took (s)."""
     clock = Clock()
     monkeypatch.setattr(_process, "WallClock", lambda: clock)
-    assert _process._take_over(_process.Order(folder, 1, (), {}, take_lease=take), None, None) is True
+    assert _process._take_over(_process.Order(folder, 1, (), {}, take_lease=take), Other(None), None) is True
     lines = (folder / "watchdog" / "events.jsonl").read_text().splitlines()
     return [json.loads(line) for line in lines], clock.time_s
 

@@ -68,6 +68,20 @@ def test_the_kernel_counts_the_waiting_of_a_thread_that_shares_its_processor():
     assert runqueue_wait_s(loops[0].pid) == 0.0  # it is gone
 
 
+class Stand:
+    """A process: whether it was ended, and, for a watchdog, whether it has brought the bench to rest."""
+
+    def __init__(self):
+        self.ended, self.does_it, self.asked = False, False, []
+
+    def end(self):
+        self.ended = True
+
+    def has_done_it(self, folder, begins_within_s):
+        self.asked.append((folder, begins_within_s))
+        return self.does_it
+
+
 class Silence:
     """A runner as its watchdog sees it: bytes at times, and how long it has waited for a processor by then.
 
@@ -75,17 +89,19 @@ class Silence:
     silent; None: its process had ended.
     """
 
-    def __init__(self, monkeypatch, said, starved):
+    def __init__(self, monkeypatch, said, starved, first=None):
+        self.others = {1: Stand(), 2: Stand()}
         self.said, self.starved, self.now_s, self.silences_s = dict(said), starved, 0.0, []
         quiet = SimpleNamespace(SIGINT=0, SIGTERM=0, SIGHUP=0, SIG_IGN=0, signal=lambda *_: None)
-        system = SimpleNamespace(pidfd_open=lambda pid: 0, write=lambda *_: 0, read=self.read)
+        system = SimpleNamespace(write=lambda *_: 0, read=self.read)
         for name, stand_in in {
             "signal": quiet,
             "os": system,
             "select": SimpleNamespace(select=self.select),
             "host_seconds": lambda: self.now_s,
             "runqueue_wait_s": lambda pid: self.starved(self.now_s),
-            "_read_order": lambda: _process.Order(Path(), 1, (), {}),
+            "_read_order": lambda: _process.Order(Path(), 1, (), {}, first=first),
+            "Other": SimpleNamespace(of=lambda pid: self.others[pid]),
             "_take_over": lambda order, runner, silent_s: self.silences_s.append(silent_s) is None,
         }.items():
             monkeypatch.setattr(_process, name, stand_in)
@@ -137,13 +153,28 @@ def test_a_runner_that_is_not_armed_yet_may_be_silent_for_a_minute(monkeypatch):
 
 def test_a_runner_that_stands_still_before_it_is_armed_is_ended_and_nothing_is_taken_over(monkeypatch):
     runner = Silence(monkeypatch, {100.0: ARM}, starved_from_ten(0.0))
-    ended, told = [], []
-    monkeypatch.setattr(_process, "_end", ended.append)
+    told = []
     monkeypatch.setattr(_process, "_tell", told.append)
     assert _process.main() == 0
     assert runner.silences_s == [] and runner.now_s == pytest.approx(60.0)
-    assert len(ended) == 1
+    assert runner.others[1].ended
     assert "stood still for 60 s" in told[0]
+
+
+@pytest.mark.parametrize("does_it", [False, True])
+@pytest.mark.parametrize("ends", [False, True])
+def test_the_second_leaves_the_bench_to_the_first_for_a_little_and_does_it_if_that_does_not(
+    monkeypatch, ends, does_it
+):
+    """A runner that ends is told at once: the first has 0.2 s. Of a silent one the second hears later."""
+    said = {0.0: ARM, 1.0: beat_line(1, 1.0)} | ({1.5: b""} if ends else {})
+    runner = Silence(monkeypatch, said, starved_from_ten(0.0), first=2)
+    first = runner.others[2]
+    first.does_it = does_it
+    assert _process.main() == 0
+    assert first.asked == [(Path("watchdog"), 0.2 if ends else 0.0)]
+    assert runner.now_s == pytest.approx(1.5 if ends else 3.2)
+    assert runner.silences_s == ([] if does_it else [None if ends else pytest.approx(2.2)])
 
 
 def test_beats_that_lay_in_the_pipe_are_no_sign_of_life_of_now(monkeypatch):

@@ -11,11 +11,11 @@ from types import SimpleNamespace
 
 import pytest
 
-import bench.control.watchdog as watchdog
-from bench.control.watchdog import ARMED, DISMISSED, READY, Watchdog, _process, beat_line
+from bench.control.watchdog import ARMED, DISMISSED, _process, beat_line
+from bench.control.watchdog._other import Other
 from bench.record.benchfile import load_bench_file
 from drivers.base.clock import host_seconds
-from drivers.base.errors import BenchError, ConfigurationError
+from drivers.base.errors import ConfigurationError
 from drivers.kit.instruments import Rest
 
 pytestmark = pytest.mark.concurrent
@@ -73,20 +73,20 @@ def bench(monkeypatch, tmp_path):
     clock = Clock()
     monkeypatch.setattr(_process, "WallClock", lambda: clock)
     runner = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
-    pidfd = os.pidfd_open(runner.pid)
+    other = Other.of(runner.pid)
     devices = {name: Device(clock, rest) for name, rest in AT_REST.items()}
     folder = tmp_path / "run"
     folder.mkdir()
 
     def take_over(silent_s=None, **openers):
         opening = {name: device.open for name, device in devices.items()} | openers
-        return _process._take_over(_process.Order(folder, runner.pid, (), opening), pidfd, silent_s)
+        return _process._take_over(_process.Order(folder, runner.pid, (), opening), other, silent_s)
 
     yield SimpleNamespace(take_over=take_over, devices=devices, folder=folder, clock=clock, runner=runner)
     runner.kill()
     runner.wait()
     runner.stdin.close()
-    os.close(pidfd)
+    os.close(other.held)
 
 
 def events(bench):
@@ -219,11 +219,9 @@ def test_a_folder_that_another_watchdog_left_is_gone_on_with(bench):
 class Heard:
     """What the watchdog's process hears and says, and the takeover that it makes of it."""
 
-    def __init__(self, monkeypatch, said, *, runner=None, confirmed=True, lease=(), ready=None, armed=False):
+    def __init__(self, monkeypatch, said, *, runner=7, confirmed=True, lease=(), ready=None, armed=False):
         self.said, self.written, self.taken = list(said), [], []
-        system = SimpleNamespace(
-            pidfd_open=runner or (lambda pid: 7), write=ready or self.write, read=lambda *_: self.said.pop(0)
-        )
+        system = SimpleNamespace(write=ready or self.write, read=lambda *_: self.said.pop(0))
         quiet = SimpleNamespace(SIGINT=0, SIGTERM=0, SIGHUP=0, SIG_IGN=0, signal=lambda *_: None)
         for name, stand_in in {
             "signal": quiet,
@@ -231,8 +229,11 @@ class Heard:
             "select": SimpleNamespace(select=lambda readers, *_: (readers, [], [])),
             "runqueue_wait_s": lambda pid: 0.0,
             "host_seconds": lambda: 100.3,
+            "Other": SimpleNamespace(of=lambda pid: Other(runner)),
             "_read_order": lambda: _process.Order(Path(), 1, lease, {}, armed),
-            "_take_over": lambda order, runner, silent_s: self.taken.append((runner, silent_s)) or confirmed,
+            "_take_over": lambda order, runner, silent_s: (
+                self.taken.append((runner.held, silent_s)) or confirmed
+            ),
         }.items():
             monkeypatch.setattr(_process, name, stand_in)
 
@@ -244,10 +245,6 @@ def lost(*_):
     raise BrokenPipeError
 
 
-def ended(pid):
-    raise ProcessLookupError
-
-
 @pytest.mark.parametrize(
     ("said", "settings"),
     [
@@ -255,7 +252,7 @@ def ended(pid):
         ([b""], {}),  # the runner ended before anything was moved
         ([ARM, FIRST, DISMISS], {}),
         ([ARM + FIRST, FIRST[:3], FIRST[3:] + DISMISS], {}),
-        ([b""], {"runner": ended}),
+        ([b""], {"runner": None}),
         ([DISMISS], {"ready": lost}),
         ([DISMISS], {"ready": lost, "armed": True}),
     ],
@@ -320,7 +317,7 @@ def test_one_that_was_stopped_before_anything_came_gives_the_runner_its_time_ane
     assert heard.taken == [(7, pytest.approx(2.0))]
 
 
-@pytest.mark.parametrize(("settings", "runner"), [({}, 7), ({"ready": lost}, 7), ({"runner": ended}, None)])
+@pytest.mark.parametrize(("settings", "runner"), [({}, 7), ({"ready": lost}, 7), ({"runner": None}, None)])
 def test_one_that_takes_the_place_of_a_lost_watchdog_guards_from_its_start(monkeypatch, settings, runner):
     """The runner that ordered it died before it was up."""
     heard = Heard(monkeypatch, [b""], armed=True, **settings)
@@ -346,6 +343,7 @@ def test_a_runner_that_is_stopped_before_its_first_command_is_ended_and_its_leas
             "runner": runner.pid,
             "lease": [lease.fileno()],
             "armed": False,
+            "first": None,
         }
         guard = subprocess.Popen(
             [sys.executable, "-c", FROZEN],
@@ -372,6 +370,7 @@ def test_a_runner_that_reads_nothing_does_not_stop_its_watchdog():
         "runner": os.getpid(),
         "lease": [],
         "armed": False,
+        "first": None,
     }
     words = [sys.executable, "-P", "-m", "bench.control.watchdog"]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as guard:
@@ -392,6 +391,7 @@ def test_the_order_is_read_to_the_end_of_its_line(monkeypatch):
         "runner": 42,
         "lease": [3, 4],
         "armed": True,
+        "first": 41,
     }
     sent = bytearray(json.dumps(order).encode() + b"\n" + ARM)
 
@@ -403,261 +403,7 @@ def test_the_order_is_read_to_the_end_of_its_line(monkeypatch):
 
     monkeypatch.setattr(_process.os, "read", read)
     found = _process._read_order()
-    assert (found.run_folder, found.runner, found.lease, found.armed) == (Path("/runs/r"), 42, (3, 4), True)
+    assert (found.run_folder, found.runner, found.lease) == (Path("/runs/r"), 42, (3, 4))
+    assert (found.armed, found.first) == (True, 41)
     assert list(found.openers) == ["table", "chamber"]
     assert bytes(sent) == ARM  # it is for the loop that comes after
-
-
-class Process:
-    """In place of the watchdog's process: the other ends of its pipes."""
-
-    def __init__(self, pid):
-        (self.heard, stdin), (stdout, self.says) = os.pipe(), os.pipe()
-        self.stdin, self.stdout = os.fdopen(stdin, "wb", 0), os.fdopen(stdout, "rb", 0)
-        self.pid, self.waited, self.killed, self.returncode = pid, 0, False, 0
-
-    def wait(self, timeout=None):
-        self.waited += 1
-        return self.returncode
-
-    def kill(self):
-        self.killed, self.returncode = True, -9
-
-    def read(self):
-        os.set_blocking(self.heard, False)
-        try:
-            return os.read(self.heard, 1 << 20)
-        except BlockingIOError:
-            return b""
-
-    def end(self):
-        """End as a process does: nothing is heard or said any more."""
-        os.close(self.says)
-        os.close(self.heard)
-        self.says = self.heard = -1
-
-
-class Guarded:
-    """A watchdog of the runner whose processes are stood in for, and what it tells of them."""
-
-    def __init__(self, monkeypatch):
-        self.lease = SimpleNamespace(descriptors=(5,), told={})
-        self.lease.update = self.lease.told.update
-        self.now_s, self.started, self.told, self.stopped, self.refused = 100.0, [], [], [], False
-        monkeypatch.setattr(watchdog.subprocess, "Popen", self.start)
-        monkeypatch.setattr(watchdog, "host_seconds", lambda: self.now_s)
-        monkeypatch.setattr(watchdog, "runqueue_wait_s", lambda pid: 0.0)
-        file = load_bench_file(DEMO)
-        self.dog = Watchdog(file, Path("runs"), self.lease, self.told.append, self.stopped.append)
-
-    def start(self, command, **options):
-        if self.refused:
-            raise BlockingIOError(11, "no more processes")
-        self.options = options
-        self.started.append(Process(4711 + len(self.started)))
-        return self.started[-1]
-
-    @property
-    def process(self):
-        return self.started[-1]
-
-    def arm(self):
-        os.write(self.process.says, READY + b"\n")
-        self.dog.arm()
-
-    def run(self, for_s, *, answering=True):
-        """Let time pass, a beat every quarter of a second; return the codes of what was told, with the times."""
-        until_s, told = self.now_s + for_s, []
-        while self.now_s < until_s:
-            self.now_s = round(self.now_s + 0.25, 3)
-            self.dog.beat()
-            told += [(event.code, self.now_s) for event in self.told[len(told) :]]
-            if answering and self.process.heard >= 0:
-                lines = self.process.read().splitlines(keepends=True)
-                os.write(self.process.says, b"".join(lines[-1:]))
-        self.told.clear()
-        return told
-
-
-@pytest.fixture
-def guarded(monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    guarded = Guarded(monkeypatch)
-    yield guarded
-    for process in guarded.started:
-        for pipe in (process.stdin, process.stdout):
-            pipe.close()
-        for descriptor in (process.heard, process.says):
-            if descriptor >= 0:
-                os.close(descriptor)
-
-
-def test_the_runner_orders_arms_beats_five_times_a_second_and_dismisses(guarded, tmp_path):
-    process, dog = guarded.process, guarded.dog
-    assert guarded.lease.told == {"watchdog_pid": 4711}
-    assert guarded.options["start_new_session"] is True and guarded.options["pass_fds"] == (5,)
-    order = json.loads(process.read())
-    assert (order["runner"], order["lease"]) == (os.getpid(), [5])
-    assert order["run_folder"] == str(tmp_path / "runs")
-    guarded.arm()
-    assert process.read() == ARM
-    beats = []
-    for tick in range(1, 101):
-        guarded.now_s = 100.0 + tick / 100
-        dog.beat()
-        beats += [tick] if process.read() == beat_line(len(beats) + 1, guarded.now_s) else []
-    assert len(beats) in (4, 5) and 20 <= beats[0] <= 21
-    assert all(20 <= later - sooner <= 21 for sooner, later in pairwise(beats))
-    dog.dismiss()
-    dog.dismiss()
-    assert process.read() == DISMISS and process.waited == 1 and not process.killed
-    assert process.stdin.closed and process.stdout.closed
-    assert guarded.told == guarded.stopped == []
-
-
-@pytest.mark.parametrize("said", [b"", b"Traceback\n"])
-def test_a_watchdog_that_does_not_come_up_is_an_error(guarded, said):
-    os.write(guarded.process.says, said)
-    os.close(guarded.process.says)
-    guarded.process.says = -1
-    guarded.process.read()
-    with pytest.raises(BenchError, match="did not start"):
-        guarded.dog.arm()
-    assert guarded.process.read() == b""  # it is not armed
-    guarded.dog.dismiss()
-    assert guarded.told == []
-
-
-def test_a_watchdog_is_waited_for_a_minute_from_its_start(guarded, monkeypatch):
-    waited_s = []
-
-    def wait(readers, writers, others, timeout_s):
-        waited_s.append(timeout_s)
-        guarded.now_s += timeout_s + 0.001  # a wait ends a little late
-        return [], [], []
-
-    monkeypatch.setattr(watchdog, "select", SimpleNamespace(select=wait))
-    guarded.now_s += 15.0
-    with pytest.raises(BenchError, match="did not start") as late:
-        guarded.dog.arm()
-    assert waited_s == [45.0] and late.value.expected == "its word within 60 s"
-
-
-def test_a_watchdog_that_does_not_end_when_told_is_ended_after_five_seconds(guarded):
-    guarded.arm()
-    waited_s = []
-
-    def wait(timeout=None):
-        waited_s.append(timeout)
-        if timeout is not None:
-            raise subprocess.TimeoutExpired("watchdog", timeout)
-
-    guarded.process.wait = wait
-    guarded.dog.dismiss()
-    assert guarded.process.killed and waited_s == [5.0, None]
-    assert [event.code for event in guarded.told] == ["watchdog_lost"]
-
-
-def test_a_watchdog_that_answers_is_well_however_late_the_runner_looks(guarded):
-    guarded.arm()
-    assert guarded.run(5.0) == []
-    guarded.now_s += 30.0  # the runner was busy; the answer has come long since
-    assert guarded.run(2.0) == [] and len(guarded.started) == 1
-
-
-@pytest.mark.parametrize("dead", [False, True])
-def test_a_watchdog_that_was_stopped_together_with_its_runner_is_well(guarded, dead):
-    guarded.arm()
-    guarded.run(0.25, answering=False)
-    guarded.now_s += 7.0  # a beat is unanswered: both were stopped
-    guarded.dog.beat()
-    assert guarded.told == []
-    assert [code for code, _ in guarded.run(2.0, answering=not dead)] == (["watchdog_lost"] if dead else [])
-
-
-@pytest.mark.parametrize("stopped", [False, True])
-def test_a_watchdog_that_is_dead_or_stopped_is_told_within_two_seconds_and_another_put_in_its_place(
-    guarded, stopped
-):
-    guarded.arm()
-    guarded.run(3.0)
-    lost_s, lost = guarded.now_s, guarded.process
-    if not stopped:
-        lost.end()
-    ((code, told_s),) = guarded.run(2.0, answering=False)
-    assert code == "watchdog_lost" and told_s - lost_s <= (1.5 if stopped else 0.25)
-    assert lost.killed and lost.waited == 1 and len(guarded.started) == 2
-    assert guarded.lease.told == {"watchdog_pid": 4712}
-    assert json.loads(guarded.process.read())["runner"] == os.getpid()
-    os.write(guarded.process.says, READY + b"\n")
-    assert [code for code, _ in guarded.run(0.25, answering=False)] == ["watchdog_back"]
-    assert guarded.process.read().startswith(ARM + b"1 ")
-    assert guarded.run(30.0) == [] and guarded.stopped == []
-    guarded.dog.dismiss()
-    assert guarded.told == []
-
-
-@pytest.mark.parametrize("how", ["does not start", "ends", "is not ready"])
-def test_without_another_watchdog_the_run_is_invalid_and_ends(guarded, how):
-    guarded.arm()
-    guarded.process.end()
-    guarded.refused = how == "does not start"
-    if how == "ends":
-        assert [code for code, _ in guarded.run(0.25)] == ["watchdog_lost"]
-        guarded.process.end()
-    told = [code for code, _ in guarded.run(25.0, answering=False)]
-    assert told[-1] == "unguarded" and told.count("unguarded") == 1
-    assert len(guarded.stopped) == 1
-    guarded.dog.dismiss()
-
-
-@pytest.mark.parametrize("stopped", [False, True])
-def test_the_alarm_says_which_watchdog_is_lost_and_for_how_long_it_said_nothing(guarded, stopped):
-    guarded.arm()
-    guarded.now_s += 0.25
-    guarded.dog.beat()
-    if stopped:
-        guarded.now_s += 1.75  # since the beat that was not answered
-    else:
-        guarded.process.end()
-        guarded.now_s += 0.25
-    guarded.dog.beat()
-    (alarm,) = guarded.told
-    assert alarm.facts == {"pid": 4711} | ({"silent_s": pytest.approx(1.75)} if stopped else {})
-
-
-def test_one_in_place_of_a_lost_watchdog_is_waited_for_twenty_seconds(guarded):
-    guarded.arm()
-    guarded.process.end()
-    guarded.run(0.25)
-    for waited_s, stopped in ((19.9, 0), (0.3, 1)):
-        guarded.now_s += waited_s
-        guarded.dog.beat()
-        assert len(guarded.stopped) == stopped
-
-
-def test_beats_before_the_word_that_arms_have_no_number_to_answer(guarded):
-    guarded.process.read()
-    guarded.now_s += 0.5
-    guarded.dog.beat()
-    assert guarded.process.read() == b"0 100.500000\n"
-
-
-def test_a_watchdog_that_is_lost_again_and_again_ends_the_run(guarded):
-    guarded.arm()
-    for _ in range(3):
-        guarded.process.end()
-        assert [code for code, _ in guarded.run(0.25)] == ["watchdog_lost"]
-        os.write(guarded.process.says, READY + b"\n")
-        assert [code for code, _ in guarded.run(5.0)] == ["watchdog_back"]
-    guarded.process.end()
-    assert [code for code, _ in guarded.run(0.25)] == ["watchdog_lost", "unguarded"]
-    assert len(guarded.stopped) == 1 and len(guarded.started) == 4
-
-
-def test_a_watchdog_that_died_just_before_the_end_is_told(guarded):
-    guarded.arm()
-    guarded.process.end()
-    guarded.process.returncode = -9
-    guarded.dog.dismiss()
-    assert [event.code for event in guarded.told] == ["watchdog_lost"]

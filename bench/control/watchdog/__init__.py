@@ -5,8 +5,10 @@ the pipe closes, the watchdog ends the runner for good, takes its ports over, st
 that they rest, and writes what it did into `watchdog/` of the run folder. Meanwhile it keeps the bench's lease;
 where a lock ends with its process (Windows), it takes it anew.
 
-The watchdog sends the beats back. One that does not, or whose process ends, is an alarm of the run; it is ended
-for good and another started in its place. When none comes up the run ends with the bench in its safe state.
+A second one stands by, and does the same if the first does not (`_other.py`).
+
+A watchdog sends the beats back. One that does not, or whose process ends, is an alarm of the run; it is ended for
+good and another started. When none is left the run ends with the bench in its safe state.
 
 Only a bench on the wall clock has one: in an emulated lab's virtual time nothing moves once the bench is gone.
 """
@@ -69,9 +71,9 @@ def sent_s(beat: bytes) -> float:
 
 
 class _Process:
-    """One watchdog process and the runner's ends of its pipes."""
+    """One watchdog process and the runner's ends of its pipes; `spare`: started in place of another."""
 
-    def __init__(self, order: bytes, lease: Lease) -> None:
+    def __init__(self, order: bytes, lease: Lease, spare: bool) -> None:
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "bench.control.watchdog"],
             stdin=subprocess.PIPE,
@@ -79,10 +81,10 @@ class _Process:
             bufsize=0,
             **of_its_own(lease.descriptors),
         )
-        lease.update(watchdog_pid=self._process.pid)
         self._pipes = Pipes(self._process, order)  # a watchdog that does not read must not stop the runner
         self.started_s = host_seconds()
-        self.ready = self.armed = self.ended = False
+        self.ready = self.ended = False
+        self.untold = spare
         self._unread = b""
         self._sequence = 0
         self._unanswered: deque[tuple[int, float, float]] = deque()
@@ -94,7 +96,6 @@ class _Process:
 
     def arm(self) -> None:
         """Have it watch from here on."""
-        self.armed = True
         self.write(ARMED + b"\n")
 
     def beat(self, now_s: float) -> None:
@@ -133,10 +134,16 @@ class _Process:
     def write(self, data: bytes) -> None:
         self._pipes.write(data)  # `listen` tells of a watchdog that is dead or stopped
 
-    def dismiss(self) -> bool:
-        """Let it end; return whether it did, and well."""
-        self.write(DISMISSED + b"\n")
-        return self._await_end() == 0
+    def dismiss(self) -> None:
+        """Let it end; one that is not up yet is not waited for."""
+        if self.ready:
+            self.write(DISMISSED + b"\n")
+        else:
+            self._process.kill()
+
+    def ended_well(self) -> bool:
+        """Wait until it has ended; return whether it did so because it was dismissed."""
+        return self._await_end() == 0 or not self.ready
 
     def kill(self) -> None:
         """End it for good: it must not come to and take a closed pipe for the runner's end."""
@@ -154,7 +161,10 @@ class _Process:
 
 
 class Watchdog:
-    """The runner's end of the pipes. `tell` takes alarms and what makes the run invalid, `stop` ends the run."""
+    """The runner's end of the pipes to its watchdogs: the first, from `arm` on a second, and their successors.
+
+    `tell` takes alarms and what makes the run invalid, `stop` ends the run.
+    """
 
     def __init__(
         self,
@@ -174,18 +184,22 @@ class Watchdog:
         self._beaten_s = host_seconds()
         self._watched = self._dismissed = False
         self._replaced = 0
-        self._process = self._start()
+        self._processes: list[_Process] = []
+        self._start()
 
-    def _start(self) -> _Process:
-        order = self._order | {"armed": self._watched}
-        return _Process(json.dumps(order).encode() + b"\n", self._lease)
+    def _start(self, spare: bool = False) -> None:
+        """Start one more, behind those that are there."""
+        first = self._processes[0].pid if self._processes else None
+        order = self._order | {"armed": self._watched, "first": first}
+        self._processes.append(_Process(json.dumps(order).encode() + b"\n", self._lease, spare))
+        self._lease.update(watchdog_pid=self._processes[0].pid)
 
     def arm(self) -> None:
         """Wait until the watchdog is ready, and begin to be watched; BenchError if it does not come up.
 
         Until then nothing moves: a runner that stands still is ended after `UNARMED_S`, for its lease.
         """
-        process = self._process
+        (process,) = self._processes
         until_s = process.started_s + READY_TIMEOUT_S
         while not (process.ready or process.ended) and host_seconds() < until_s:
             process.listen(until_s - host_seconds())
@@ -198,6 +212,10 @@ class Watchdog:
             )
         self._watched = True
         process.arm()
+        try:
+            self._start()
+        except OSError as error:  # one guards
+            self._tell(Alarm("watchdog", f"a second one could not be started: {error}", "watchdog_lost"))
 
     def beat(self) -> None:
         """Say that the runner lives and hear whether the watchdog does; costs nothing when called often."""
@@ -206,45 +224,52 @@ class Watchdog:
             return
         away = now_s - self._beaten_s > HUNG_S
         self._beaten_s = now_s
-        process = self._process
         if not self._watched:  # what has not been armed answers when it has come up, which nobody waits for
-            process.write(beat_line(0, now_s))
+            self._processes[0].write(beat_line(0, now_s))
             return
-        process.listen()
-        if away:  # this process was stopped, and what guards it, which has let it live, perhaps with it
-            process.excuse(now_s)
-        silent_s = process.silent_s(now_s)
-        late = not process.ready and now_s - process.started_s > REPLACED_S
-        if process.ended or late or silent_s is not None:
-            self._replace(process, silent_s)
-        elif process.ready:
-            if not process.armed:
-                process.arm()
-                self._tell(Alarm("watchdog", "a new one guards the bench", "watchdog_back"))
-            process.beat(now_s)
+        for process in tuple(self._processes):
+            process.listen()
+            if away:  # this process was stopped, and what guards it, which has let it live, perhaps with it
+                process.excuse(now_s)
+            silent_s = process.silent_s(now_s)
+            late = not process.ready and now_s - process.started_s > REPLACED_S
+            if process.ended or late or silent_s is not None:
+                self._replace(process, silent_s)
+            elif process.ready:
+                if process.untold:
+                    process.untold = False
+                    self._tell(Alarm("watchdog", "a new one guards the bench", "watchdog_back"))
+                process.beat(now_s)
 
     def _replace(self, lost: _Process, silent_s: float | None) -> None:
-        """End a watchdog that guards nothing any more and start another; give up if that one did not come up."""
+        """End a watchdog that guards nothing any more and start another; give up if none is left."""
         what = "its process has ended" if silent_s is None else f"it has not answered for {silent_s:.1f} s"
         facts = {"pid": lost.pid} | ({} if silent_s is None else {"silent_s": silent_s})
-        self._tell(
-            Alarm("watchdog", f"{what}: nobody stops the bench if this process dies", "watchdog_lost", facts)
-        )
+        self._processes.remove(lost)
+        guarded = any(process.ready for process in self._processes)
+        after = "the other one guards the bench" if guarded else "nobody stops the bench if this process dies"
+        self._tell(Alarm("watchdog", f"{what}: {after}", "watchdog_lost", facts))
         lost.kill()
         if lost.ready and self._replaced < _MOST_REPLACED:
             with suppress(OSError):
+                self._start(spare=True)
                 self._replaced += 1
-                self._process = self._start()
-                return
+        if self._processes:
+            self._lease.update(watchdog_pid=self._processes[0].pid)
+            return
         self._dismissed = True
         why = "the watchdog is lost and no other one came up"
         self._tell(Invalid("unguarded", why, {"replaced": self._replaced}))
         self._stop(why)
 
     def dismiss(self) -> None:
-        """End the watchdog: the bench has been made safe, or nothing was moved. Harmless when done already."""
+        """End the watchdogs: the bench has been made safe, or nothing was moved. Harmless when done already."""
         if self._dismissed:
             return
         self._dismissed = True
-        if not self._process.dismiss() and self._watched:
+        for process in self._processes:  # both, before either is waited for: one without the other takes over
+            process.listen()
+            process.dismiss()
+        ended_well = [process.ended_well() for process in self._processes]
+        if not all(ended_well) and self._watched:
             self._tell(Alarm("watchdog", "it was not there any more when the run ended", "watchdog_lost"))

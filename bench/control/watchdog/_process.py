@@ -22,6 +22,7 @@ from bench.control.devices import made_safe, open_chamber, open_instrument, open
 from bench.control.lease import Lease, device_at, take_lease
 from bench.control.safe_state import Reading, bring_to_rest
 from bench.control.watchdog import ARMED, DISMISSED, FOLDER, READY, sent_s
+from bench.control.watchdog._other import SPARE_S, Other, set_aside, sign_of_life
 from bench.control.watchdog._silence import HUNG_S, UNARMED_S, SilenceTimeout, runqueue_wait_s
 from bench.record.benchfile import bench_file_from
 from bench.record.events import Event
@@ -33,7 +34,6 @@ from drivers.base.errors import BenchError, BenchInUse, RecordError
 from drivers.base.locks import INHERITED
 from drivers.base.pipes import pumped_in, pumped_out
 from drivers.base.system import SELECTS_FILES
-from drivers.base.windows import end_process, hold_process
 from drivers.kit.instruments import Instrument
 from drivers.kit.link import Tap
 
@@ -47,7 +47,6 @@ tells of the gap itself (`bench.control.time_watch`)."""
 _LEASE_S = 1.0
 """How long the lease is tried that the runner's end has freed, where no process inherits it: a table may turn."""
 
-_ENDED_S = 1.0
 _FIRST_TRY_S = 1.0
 _AGAIN_S = 0.02
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
@@ -62,9 +61,10 @@ class _Replaced(BenchError):
 
 @dataclass(frozen=True)
 class Order:
-    """What the runner wants guarded; `armed`: from the beginning, in place of a watchdog that was lost.
+    """What the runner wants guarded; `armed`: from the beginning, beside or in place of another watchdog.
 
     `take_lease`: takes the lease once the runner has ended; None where this process has inherited it.
+    `first`: the watchdog to which this one leaves the bench as long as that one does something.
     """
 
     run_folder: Path
@@ -73,6 +73,7 @@ class Order:
     openers: dict[str, _Opener]
     armed: bool = False
     take_lease: Callable[[], Lease] | None = None
+    first: int | None = None
 
 
 def main() -> int:
@@ -80,16 +81,15 @@ def main() -> int:
     for number in (getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)):
         signal.signal(number, signal.SIG_IGN)  # whoever stops the runner must not stop what guards it
     order = _read_order()
-    runner: int | None = None
-    with suppress(ProcessLookupError):
-        runner = os.pidfd_open(order.runner) if SELECTS_FILES else hold_process(order.runner)
+    runner, first = Other.of(order.runner), None if order.first is None else Other.of(order.first)
+    hung_s = HUNG_S if first is None else HUNG_S + SPARE_S
     source, read, write = _runner_pipes()
     with suppress(
         ConnectionError
     ):  # dismissed while it came up, or the runner has ended: both are read below
         write(READY + b"\n")
     armed, unread = order.armed, b""
-    timeout = SilenceTimeout(host_seconds(), runqueue_wait_s(order.runner), HUNG_S if armed else UNARMED_S)
+    timeout = SilenceTimeout(host_seconds(), runqueue_wait_s(order.runner), hung_s if armed else UNARMED_S)
     excused = False
     while True:
         waited_s, began_s = runqueue_wait_s(order.runner), host_seconds()
@@ -109,7 +109,7 @@ def main() -> int:
             with suppress(OSError):
                 write(lines[-1] + b"\n")
             heard_s = now_s if overslept or lines[-1] == ARMED else sent_s(lines[-1])
-            timeout = SilenceTimeout(heard_s, waited_s, HUNG_S if armed else UNARMED_S)
+            timeout = SilenceTimeout(heard_s, waited_s, hung_s if armed else UNARMED_S)
             excused = overslept
         elif overslept:
             timeout, excused = replace(timeout, heard_s=now_s), True
@@ -117,10 +117,13 @@ def main() -> int:
             silent_s = now_s - timeout.heard_s
             break
     if armed:
+        begins_within_s = SPARE_S if silent_s is None else 0.0  # it has waited so much longer already
+        if first is not None and first.has_done_it(order.run_folder / FOLDER, begins_within_s):
+            return 0
         confirmed = _take_over(order, runner, silent_s)
     else:
         confirmed = True
-        _end(runner)
+        runner.end()
         _tell(f"the runner stood still for {silent_s:.0f} s before its first command: it was ended")
     for descriptor in order.lease:
         with suppress(OSError):
@@ -148,6 +151,7 @@ def _read_order() -> Order:
         runner=int(data["runner"]),
         lease=tuple(data["lease"]),
         armed=bool(data["armed"]),
+        first=data["first"],
         take_lease=None if INHERITED else partial(take_lease, file, f"the watchdog of run {folder.name}"),
         openers={
             "table": _of(file.table.port, partial(open_table, file)),
@@ -172,13 +176,14 @@ def _of(port: str, opener: _Opener) -> _Opener:
     return opened
 
 
-def _take_over(order: Order, runner: int | None, silent_s: float | None) -> bool:
+def _take_over(order: Order, runner: Other, silent_s: float | None) -> bool:
     """End the runner and bring the bench to rest; return whether all of it confirmed that.
 
     `silent_s`: for how long the runner gave no sign of life; None: its process has ended.
     """
-    _end(runner)
+    runner.end()
     clock = WallClock()
+    clock.pulse = partial(sign_of_life, order.run_folder / FOLDER)
     notes = _Notes(order.run_folder / FOLDER, clock)
     cause: Literal["runner_ended", "runner_silent"] = "runner_ended" if silent_s is None else "runner_silent"
     takeover = Takeover(cause, utc_now(), order.runner, silent_s)
@@ -211,18 +216,6 @@ def _lease(order: Order, clock: Clock) -> Lease | Exception | None:
         except (BenchError, OSError) as error:  # whatever it is, the bench is to be stopped
             return error
     return None
-
-
-def _end(runner: int | None) -> None:
-    """End the runner for good: it must not come to and command the table again."""
-    if runner is None:
-        return
-    if not SELECTS_FILES:
-        end_process(runner, _ENDED_S)
-        return
-    with suppress(ProcessLookupError):
-        signal.pidfd_send_signal(runner, signal.SIGKILL)
-    select.select([runner], [], [], _ENDED_S)
 
 
 class _Ports:
@@ -281,6 +274,7 @@ class _Notes:
         self._journal: Journal | None = None
         self._events: EventLog | None = None
         try:
+            set_aside(folder)
             folder.mkdir(exist_ok=True)
             self._journal, self._events = Journal(folder, 1.0), EventLog(folder)
             self._journal.adopt(self._events)

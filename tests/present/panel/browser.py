@@ -40,8 +40,10 @@ NEEDED = [
     pytest.mark.slow,
 ]
 
-WIDTHS = pytest.mark.parametrize("width", [1280, 390])
-"""A desk's screen and a phone's, in px."""
+DESK = pytest.mark.parametrize("width", [1280])
+PHONE = pytest.mark.parametrize("width", [390])
+"""Screens in px: what is done at a desk and what is done beside the bench. Every page at both, light and dark:
+`test_panel_accessible.py`."""
 
 
 def until(condition, what: str) -> None:

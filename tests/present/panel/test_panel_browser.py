@@ -16,10 +16,11 @@ from bench.lab.emulated import EmulatedLab, Plant
 from bench.record.benchfile import load_bench_file
 from tests.present.panel.browser import (
     BROWSER,
+    DESK,
     FLAGS,
     NEEDED,
     PATIENCE_S,
-    WIDTHS,
+    PHONE,
     Panel,
     browser_page,
     until,
@@ -55,7 +56,7 @@ def session(panel: Panel, tmp_path: Path) -> Iterator[subprocess.Popen]:
     log.close()
 
 
-@WIDTHS
+@PHONE
 def test_an_operator_sees_answers_and_aborts(panel: Panel, session: subprocess.Popen, width: int) -> None:
     from playwright.sync_api import expect, sync_playwright
 
@@ -166,7 +167,7 @@ def test_every_page_has_the_strip_of_all_benches(panel: Panel) -> None:
         expect(page.get_by_test_id("state")).to_have_text("Not here")
 
 
-@WIDTHS
+@DESK
 def test_one_benchs_malformed_live_file_stops_no_other_page(panel: Panel, width: int) -> None:
     """Twenty live files that no session writes, one after the other, beside a bench that goes on."""
     from playwright.sync_api import expect
@@ -191,7 +192,7 @@ def test_one_benchs_malformed_live_file_stops_no_other_page(panel: Panel, width:
             expect(page.locator("[data-benches]")).not_to_contain_text("Cannot be read")
 
 
-@WIDTHS
+@PHONE
 def test_alarms_stay_until_somebody_has_seen_them_by_name(panel: Panel, width: int) -> None:
     from playwright.sync_api import expect
 
@@ -235,7 +236,7 @@ def test_there_need_not_be_a_runs_folder_yet(tmp_path: Path) -> None:
         found.kill()
 
 
-@WIDTHS
+@PHONE
 def test_after_a_kill_the_page_says_what_the_watchdog_has_done(
     panel: Panel, tmp_path: Path, monkeypatch, width: int
 ) -> None:

@@ -10,7 +10,7 @@ from bench.control.runner import RunRequest, run_procedure
 from bench.lab.emulated import EmulatedLab, Plant
 from bench.record.benchfile import load_bench_file
 from tests.benches import FOG_BENCH
-from tests.present.panel.browser import NEEDED, Panel, browser_page
+from tests.present.panel.browser import DESK, NEEDED, Panel, browser_page
 
 pytestmark = [*NEEDED, pytest.mark.concurrent]
 MOVED = """() => {
@@ -26,7 +26,7 @@ MOVED = """() => {
 }"""
 
 
-@pytest.mark.parametrize("width", [1280, 390])
+@DESK
 def test_the_plan_lies_beside_what_was_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, width: int
 ) -> None:

@@ -16,7 +16,7 @@ from bench.present.panel._folders import RunsFolder
 from bench.present.panel._history import History
 from bench.present.panel._listing import listed
 from drivers.base.errors import ConfigurationError
-from tests.present.panel.browser import NEEDED, PATIENCE_S, WIDTHS, Panel, browser_page, write_now
+from tests.present.panel.browser import DESK, NEEDED, PATIENCE_S, Panel, browser_page, write_now
 
 UNITS, PROCEDURES = ("FOG-001", "FOG-002", "<b>7"), ("known-state", "thermal-ramp")
 OUTCOMES = ("completed", "invalid", "aborted")
@@ -118,7 +118,7 @@ def test_a_certificate_that_is_not_passed_is_a_limit_broken(tmp_path: Path) -> N
 class TestInABrowser:
     pytestmark: ClassVar = [*NEEDED, pytest.mark.concurrent]
 
-    @WIDTHS
+    @DESK
     def test_a_run_is_found_with_its_report_and_certificate(self, tmp_path: Path, width: int) -> None:
         from playwright.sync_api import expect
 

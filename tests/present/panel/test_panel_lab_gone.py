@@ -13,7 +13,7 @@ from bench.campaign.queue import BenchQueue, RunOrder
 from bench.control.live import drop_answer, read_now
 from bench.record.recording import read_manifest
 from tests.benches import FOG_BENCH
-from tests.present.panel.browser import NEEDED, PATIENCE_S, WIDTHS, Panel, browser_page, until, write_now
+from tests.present.panel.browser import NEEDED, PATIENCE_S, PHONE, Panel, browser_page, until, write_now
 
 pytestmark = [*NEEDED, pytest.mark.concurrent]
 
@@ -32,7 +32,7 @@ GONE = re.compile("emulated lab is gone|port is gone")
 """Which of the lab's ends is noticed first, its clock's or a port's, is chance."""
 
 
-@WIDTHS
+@PHONE
 def test_a_lab_that_is_killed_is_told_on_every_page_and_comes_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, width: int
 ) -> None:

@@ -10,7 +10,7 @@ import pytest
 from bench.analysis.common.allan import allan_deviation
 from bench.present.panel._noise import Noise, noise_curve
 from bench.present.panel._tails import PhaseTail, history_between
-from tests.present.panel.browser import NEEDED, Panel, browser_page, write_now
+from tests.present.panel.browser import NEEDED, PHONE, Panel, browser_page, write_now
 
 
 def rows(
@@ -127,7 +127,7 @@ def test_phases_are_read_as_they_come_and_malformed_ones_are_none(tmp_path: Path
     assert tail.phases == [("warm_up", 3.0), ("soak", 9.0)]
 
 
-@pytest.mark.parametrize("width", [1280, 390])
+@PHONE
 class TestInABrowser:
     pytestmark: ClassVar = [*NEEDED, pytest.mark.concurrent]
 

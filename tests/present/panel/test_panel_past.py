@@ -28,7 +28,7 @@ from bench.record.recording import (
     write_manifest,
 )
 from bench.record.run_notes import read_notes
-from tests.present.panel.browser import NEEDED, PATIENCE_S, Panel, browser_page, serious
+from tests.present.panel.browser import NEEDED, PATIENCE_S, PHONE, Panel, browser_page, serious
 from tests.record.recording.test_recover import left_open
 from tests.record.recording.test_run_notes import PNG
 
@@ -187,7 +187,7 @@ def post(url: str, body: object, **headers: str) -> tuple[int, str]:
         return refused.code, refused.read().decode()
 
 
-@pytest.mark.parametrize("width", [1280, 390])
+@PHONE
 class TestInABrowser:
     pytestmark: ClassVar = [*NEEDED, pytest.mark.concurrent]
 

@@ -20,7 +20,7 @@ from bench.record.benchfile import bench_file_from, bench_file_text, load_bench_
 from bench.record.recording import read_manifest
 from tests.benches import FOG_BENCH
 from tests.campaign.test_queue import same_bytes
-from tests.present.panel.browser import NEEDED, PATIENCE_S, WIDTHS, Panel, browser_page, until
+from tests.present.panel.browser import DESK, NEEDED, PATIENCE_S, PHONE, Panel, browser_page, until
 
 pytestmark = [*NEEDED, pytest.mark.concurrent]
 CAMPAIGN = """
@@ -101,7 +101,7 @@ def fits_the_screen(page) -> None:
     assert small == [] and nameless == []
 
 
-@WIDTHS
+@PHONE
 def test_an_operator_plans_starts_leaves_comes_back_aborts_and_repeats(bench: Bench, width: int) -> None:
     from playwright.sync_api import expect
 
@@ -178,7 +178,7 @@ def test_an_operator_plans_starts_leaves_comes_back_aborts_and_repeats(bench: Be
     )
 
 
-@WIDTHS
+@DESK
 def test_a_run_started_in_the_browser_is_byte_for_byte_the_typed_one(
     bench: Bench, tmp_path: Path, width: int
 ) -> None:
@@ -224,7 +224,7 @@ def test_a_run_started_in_the_browser_is_byte_for_byte_the_typed_one(
     same_bytes(bench.panel.runs, tmp_path / "typed")
 
 
-@WIDTHS
+@DESK
 def test_a_queue_is_put_in_order_held_and_let_go(bench: Bench, width: int) -> None:
     from playwright.sync_api import expect
 
@@ -261,7 +261,7 @@ def test_a_queue_is_put_in_order_held_and_let_go(bench: Bench, width: int) -> No
     assert not list(bench.panel.runs.glob("*/manifest.json"))
 
 
-@WIDTHS
+@DESK
 def test_presets_keep_parameters_under_a_name(bench: Bench, width: int) -> None:
     from playwright.sync_api import expect
 
@@ -281,7 +281,7 @@ def test_presets_keep_parameters_under_a_name(bench: Bench, width: int) -> None:
         expect(preset).to_have_count(0)
 
 
-@WIDTHS
+@DESK
 def test_a_campaign_is_planned_run_and_certified_from_the_browser(bench: Bench, width: int) -> None:
     from playwright.sync_api import expect
 
@@ -307,7 +307,7 @@ def test_a_campaign_is_planned_run_and_certified_from_the_browser(bench: Bench, 
     assert read_manifest(folder / "runs" / "turn").outcome == "completed"
 
 
-@WIDTHS
+@PHONE
 def test_the_bench_by_hand_turns_stops_refuses_and_ends(bench: Bench, width: int) -> None:
     from playwright.sync_api import expect
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from bench.record.recording import read_manifest
-from tests.present.panel.browser import NEEDED, WIDTHS, browser_page
+from tests.present.panel.browser import NEEDED, PHONE, browser_page
 from tests.present.panel.test_panel_queue import bench_with_panel
 
 pytestmark = [*NEEDED, pytest.mark.concurrent]
@@ -23,7 +23,7 @@ parameters = { rate_dps = 12, turns = 200, rest_s = 10 }
 """
 
 
-@WIDTHS
+@PHONE
 def test_a_stopped_campaign_is_gone_on_with_from_the_browser(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, width: int
 ) -> None:

@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 
 from bench.campaign import HUNT_FILE
-from tests.present.panel.browser import NEEDED, WIDTHS, browser_page, until
+from tests.present.panel.browser import DESK, NEEDED, browser_page, until
 from tests.present.panel.test_panel_queue import bench_with_panel, fits_the_screen
 
 pytestmark = [*NEEDED, pytest.mark.concurrent]
 NOMINAL = Path(__file__).parents[3] / "examples" / "nominal" / "fog_on_its_bench.toml"
 
 
-@WIDTHS
+@DESK
 def test_a_search_is_started_stopped_and_gone_on_with(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, width: int
 ) -> None:

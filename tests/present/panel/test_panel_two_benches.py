@@ -11,7 +11,7 @@ import pytest
 
 from bench.campaign.queue import BenchQueue, RunOrder
 from tests.benches import FOG_BENCH
-from tests.present.panel.browser import NEEDED, WIDTHS, Panel, browser_page, until, write_now
+from tests.present.panel.browser import DESK, NEEDED, PHONE, Panel, browser_page, until, write_now
 from tests.present.panel.test_panel_queue import bench_with_panel
 
 pytestmark = [*NEEDED, pytest.mark.concurrent]
@@ -30,7 +30,7 @@ def panel(tmp_path: Path) -> Iterator[Panel]:
     found.kill()
 
 
-@WIDTHS
+@PHONE
 def test_a_page_stays_with_an_alarm_until_it_is_seen(panel: Panel, width: int) -> None:
     """The bench that a page shows loses its process; the other one, which runs well, must not take its place."""
     from playwright.sync_api import expect
@@ -61,7 +61,7 @@ def test_a_page_stays_with_an_alarm_until_it_is_seen(panel: Panel, width: int) -
         expect(title).to_have_text("west")
 
 
-@WIDTHS
+@PHONE
 def test_an_abort_reaches_the_bench_that_was_shown_when_it_was_asked_for(panel: Panel, width: int) -> None:
     from playwright.sync_api import expect
 
@@ -80,7 +80,7 @@ def test_an_abort_reaches_the_bench_that_was_shown_when_it_was_asked_for(panel: 
         assert list((panel.runs / "west" / "live" / "requests").iterdir()) == []
 
 
-@WIDTHS
+@DESK
 def test_each_bench_has_its_own_queue_on_every_page(tmp_path: Path, width: int) -> None:
     """Also a bench on which nothing has run yet is in the strip, with what waits for it."""
     from playwright.sync_api import expect
@@ -122,7 +122,7 @@ def test_each_bench_has_its_own_queue_on_every_page(tmp_path: Path, width: int) 
         panel.kill()
 
 
-@WIDTHS
+@DESK
 def test_a_page_that_follows_a_bench_asks_the_first_question_of_each_run(tmp_path: Path, width: int) -> None:
     """Every run is a process that counts its questions from 1: an answer on a page is to one of them only."""
     from playwright.sync_api import expect
