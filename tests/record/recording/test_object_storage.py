@@ -169,3 +169,20 @@ def test_a_local_path_costs_no_import(kept: Path) -> None:
     code = f"import sys; {opened}; print('fsspec' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "False\n"
     assert len(read_table(kept / "gyro_fog.parquet")["time_ns"]) == 2000
+
+
+def test_a_run_that_goes_on_is_read_as_it_is_now(bucket: Any, kept: Path, tmp_path: Path) -> None:
+    """Uploaded while it is open, and again later: its events are longer, its manifest is the same."""
+    storage, name = bucket
+    running = tmp_path / "running"
+    running.mkdir()
+    write_manifest(running, Manifest(run_id="r2", procedure="own", started_utc=START, units={"fog": "F-1"}))
+    log = EventLog(running)
+    found = []
+    for phase in ("warm_up", "reference"):
+        log.event(10.0, PhaseBegun(phase))
+        for path in running.iterdir():
+            storage.put(str(path), f"{name}/runs/r2/{path.name}")
+        found.append([event.phase for _, event in Run.open(f"s3://{name}/runs/r2").of(PhaseBegun)])
+    log.close()
+    assert found == [["warm_up"], ["warm_up", "reference"]]
