@@ -382,6 +382,27 @@ MECHANISMS = (
     ),
     Mechanism(
         2,
+        "a second watchdog stands by",
+        f"{_CONTROL}.watchdog:Watchdog.arm",
+        Skip("self._start"),
+        "tests/safety/test_watchdogs_of_a_runner.py -k dismisses_both",
+    ),
+    Mechanism(
+        2,
+        "the second watchdog does what the first does not",
+        f"{_CONTROL}.watchdog._process:main",
+        always("first is not None and first.has_done_it(order.run_folder / FOLDER, begins_within_s)"),
+        f"{_T_DOG} -k when_runner_and_first_watchdog",
+    ),
+    Mechanism(
+        2,
+        "a first watchdog that stands still in its work is ended",
+        f"{_CONTROL}.watchdog._other:Other.has_done_it",
+        never("now_s - since_s > patience_s"),
+        "tests/safety/test_second_watchdog.py",
+    ),
+    Mechanism(
+        2,
         "rules are asked before a command and on telemetry",
         f"{_CONTROL}.limits:breaks",
         Value("False"),
