@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.record.exchange import read_mdf_frames
 from drivers.base.errors import ConfigurationError
 from drivers.can_dbc import CanDecoder, CanLayout, identifier_names
 from drivers.frames import FrameFamily, reader_of
@@ -27,7 +28,8 @@ _PANELS = (
 )
 LOG_SUFFIXES = (".asc", ".blf", ".csv", ".db", ".log", ".trc")
 """Logs that python-can reads; every other file is read as the text of an slcan adapter, as raw/<gyro>.bin is."""
-_LOGS = f"a log that python-can reads ({', '.join(LOG_SUFFIXES)}, perhaps .gz), or slcan text"
+_MDF = ".mf4"
+_LOGS = f"a log that python-can reads ({', '.join(LOG_SUFFIXES)}, perhaps .gz), {_MDF}, or slcan text"
 _NOMINAL_HZ = 100.0
 
 
@@ -170,11 +172,9 @@ def read_can_capture(layout: CanLayout, path: Path, source_address: int | None =
     """Decode the file at `path`; ConfigurationError if it cannot be read."""
     decoder = CanDecoder(layout, _NOMINAL_HZ, source_address=source_address)
     suffix = next((suffix.lower() for suffix in reversed(path.suffixes) if suffix != ".gz"), "")
-    if suffix == ".mf4":
-        raise _unreadable(path, "an MF4 log", _LOGS)
     try:
-        if suffix in LOG_SUFFIXES:
-            frames, times_s, left_out = _log(path)
+        if suffix in (*LOG_SUFFIXES, _MDF):
+            frames, times_s, left_out = read_mdf_frames(path) if suffix == _MDF else _log(path)
             blocks: Iterable[NDArray[np.void]] = [frames]
         else:
             times_s, left_out, parser = None, {}, SlcanParser()

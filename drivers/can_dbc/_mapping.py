@@ -38,6 +38,7 @@ class _Signal(_Part):
     message: str
     signal: str
     unit: str = ""
+    scale: float = Field(default=1.0, strict=False, allow_inf_nan=False)
     axis: Literal["", "x", "y", "z"] = ""
     raw_range: tuple[int, int] | None = Field(default=None, strict=False)
     modulo: int | None = Field(default=None, ge=2)
@@ -156,6 +157,10 @@ class _Compiler:
         factor, zero, modulo = 1.0, 0.0, 0
         if each.role in ("rate", "delta_angle", "accel") and not each.axis:
             raise self._refuse(f"{key}.axis", "nothing", "x, y or z")
+        if each.scale == 0.0 or (each.scale < 0.0 and each.role == "time"):
+            raise self._refuse(f"{key}.scale", f"{each.scale:g}", "a number that is not 0, of time above 0")
+        if each.scale != 1.0 and each.role in ("counter", "status"):
+            raise self._refuse(f"{key}.scale", f"{each.scale:g}", f"none: a {each.role} has no unit")
         if each.role in _UNITS:
             factor = self._unit(_UNITS[each.role], each, signal, key)
         elif each.role in ("temperature", "case_temperature"):
@@ -169,8 +174,8 @@ class _Compiler:
             if modulo > 1 << signal.bits or each.step >= modulo:
                 limit = f"modulo to {1 << signal.bits}, step below it"
                 raise self._refuse(key, f"modulo {modulo}, step {each.step}", limit)
-        as_given = each.model_dump(exclude={"unit", "modulo"})
-        return SignalUse(**as_given, factor=factor, zero=zero, modulo=modulo)
+        as_given = each.model_dump(exclude={"unit", "scale", "modulo"})
+        return SignalUse(**as_given, factor=factor * each.scale, zero=zero, modulo=modulo)
 
     def _unit(self, known: Mapping[str, Any], each: _Signal, signal: SignalLayout, key: str) -> Any:
         unit = each.unit or signal.unit

@@ -38,7 +38,7 @@ def check(
     layout: Annotated[str, Argument(help="a mapping file (TOML), or a name that `can list` shows")],
     capture: Annotated[
         Path | None,
-        Argument(help="a log of the bus (.log, .asc, .blf, .trc, .csv), or slcan text: raw/<gyro>.bin"),
+        Argument(help="a log of the bus (.log, .asc, .blf, .trc, .csv, .mf4), or slcan text: raw/<gyro>.bin"),
     ] = None,
     out: Annotated[Path, Option(help="folder for the table and the plot of a capture")] = Path(),
     parquet: Annotated[bool, Option("--parquet", help="the table as Parquet instead of CSV")] = False,
