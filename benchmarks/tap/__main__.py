@@ -162,13 +162,13 @@ class Lane:
             tally.problems.append(f"{deed.name}: no {error}")
             return
         finally:
+            guards = trial.watchdogs if trial is not None else []
             if trial is not None:
-                guards = trial.watchdogs
                 trial.kill(pid)
             self._commands.wait(pid)
-        wait_for(
-            lambda: not any(Path(f"/proc/{guard}/task").exists() for guard in guards), "end of the guards"
-        )
+            wait_for(
+                lambda: not any(Path(f"/proc/{guard}/task").exists() for guard in guards), "end of the guards"
+            )
         tally.problems += [
             f"{deed.name}: {problem}" for problem in self._look_at_the_folder(trial, struck_s, tally)
         ]

@@ -265,19 +265,25 @@ def test_the_alarm_says_whether_anybody_guards_the_bench_still(guarded):
         assert expected in guarded.told[-1].text
 
 
-@pytest.mark.parametrize("how", ["do not start", "end", "are not ready"])
-def test_when_no_watchdog_is_left_the_run_is_invalid_and_ends(guarded, how):
-    guarded.arm(second=how != "are not ready")
+@pytest.mark.parametrize(
+    ("how", "started", "after_s"), [("do not start", 2, 0.25), ("end", 5, 0.75), ("are not ready", 4, 20.5)]
+)
+def test_when_no_watchdog_is_left_the_run_is_invalid_and_ends(guarded, how, started, after_s):
+    """Of those that end at once three more are tried; those that do not come up are waited for once."""
+    guarded.arm()
     guarded.refused = how == "do not start"
-    for process in tuple(guarded.started):
+    for process in guarded.started:
         process.end()
-    if how == "end":
-        assert [code for code, _ in guarded.run(0.25)] == ["watchdog_lost"] * 2
-        for process in guarded.started[2:]:
-            process.end()
-    told = [code for code, _ in guarded.run(25.0, but=guarded.started)]
-    assert told[-1] == "unguarded" and told.count("unguarded") == 1
-    assert len(guarded.stopped) == 1
+    told, from_s = [], guarded.now_s
+    while not guarded.stopped and guarded.now_s < 200.0:
+        told += guarded.run(0.25, but=guarded.started)
+        for process in guarded.started[2:] if how == "end" else ():
+            if process.heard >= 0:
+                process.end()
+    codes = [code for code, _ in told]
+    assert codes == ["watchdog_lost"] * (len(codes) - 1) + ["unguarded"]
+    assert (len(guarded.started), len(guarded.stopped)) == (started, 1)
+    assert guarded.now_s - from_s == pytest.approx(after_s, abs=0.3)
     guarded.dog.dismiss()
 
 
@@ -302,18 +308,30 @@ def test_the_alarm_says_which_watchdog_is_lost_and_for_how_long_it_said_nothing(
         guarded.now_s += 0.25
     guarded.dog.beat()
     (alarm,) = guarded.told
+    assert ("its process has ended" in alarm.text) is not stopped
     assert alarm.facts == {"pid": 4711} | ({"silent_s": pytest.approx(1.75)} if stopped else {})
 
 
-def test_one_that_comes_up_is_waited_for_twenty_seconds_and_no_other_started(guarded):
+def test_one_that_dies_before_it_is_up_is_replaced(guarded):
+    guarded.arm(second=False)
+    guarded.last.end()
+    assert [code for code, _ in guarded.run(0.25)] == ["watchdog_lost"]
+    guarded.last.says_ready()
+    assert [code for code, _ in guarded.run(1.0)] == ["watchdog_back"] and len(guarded.started) == 3
+
+
+def test_one_that_comes_up_is_waited_for_twenty_seconds_then_another_started(guarded):
     guarded.arm(second=False)
     for waited_s, codes in ((19.9, []), (0.3, ["watchdog_lost"])):
         guarded.now_s += waited_s
         guarded.dog.beat()
         assert [event.code for event in guarded.told] == codes
+        assert all(
+            "has not come up within 20 s: the other one guards" in event.text for event in guarded.told
+        )
         guarded.first.read()
         os.write(guarded.first.says, beat_line(1000, 0.0))
-    assert guarded.last.killed and len(guarded.started) == 2 and guarded.stopped == []
+    assert guarded.started[1].killed and len(guarded.started) == 3 and guarded.stopped == []
 
 
 def test_beats_before_the_word_that_arms_have_no_number_to_answer(guarded):

@@ -243,14 +243,17 @@ class Watchdog:
 
     def _replace(self, lost: _Process, silent_s: float | None) -> None:
         """End a watchdog that guards nothing any more and start another; give up if none is left."""
-        what = "its process has ended" if silent_s is None else f"it has not answered for {silent_s:.1f} s"
+        what = "its process has ended" if lost.ended else f"it has not come up within {REPLACED_S:g} s"
+        if silent_s is not None:
+            what = f"it has not answered for {silent_s:.1f} s"
         facts = {"pid": lost.pid} | ({} if silent_s is None else {"silent_s": silent_s})
         self._processes.remove(lost)
         guarded = any(process.ready for process in self._processes)
         after = "the other one guards the bench" if guarded else "nobody stops the bench if this process dies"
         self._tell(Alarm("watchdog", f"{what}: {after}", "watchdog_lost", facts))
+        came_late = not (lost.ready or lost.ended)
         lost.kill()
-        if lost.ready and self._replaced < _MOST_REPLACED:
+        if self._replaced < _MOST_REPLACED and (guarded or not came_late):
             with suppress(OSError):
                 self._start(spare=True)
                 self._replaced += 1
