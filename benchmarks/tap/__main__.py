@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 import random
 import re
+import signal
 import statistics
 import subprocess
 import sys
@@ -155,6 +156,7 @@ class Lane:
                 time.sleep(moments.uniform(*_TURNS_S))
             else:
                 time.sleep(moments.uniform(0.0, _BEGINS_S))
+            _ = trial.watchdogs
             struck_s = deed.then(trial, moments)
             tally.trials += 1
             self._look_at_the_bench(trial, deed, struck_s, tally)
@@ -162,16 +164,24 @@ class Lane:
             tally.problems.append(f"{deed.name}: no {error}")
             return
         finally:
-            guards = trial.watchdogs if trial is not None else []
             if trial is not None:
-                trial.kill(pid)
+                self._clear_away(trial)
             self._commands.wait(pid)
-            wait_for(
-                lambda: not any(Path(f"/proc/{guard}/task").exists() for guard in guards), "end of the guards"
-            )
         tally.problems += [
             f"{deed.name}: {problem}" for problem in self._look_at_the_folder(trial, struck_s, tally)
         ]
+
+    @staticmethod
+    def _clear_away(trial: Trial) -> None:
+        """End the run, and let a watchdog that was stopped before anything moved, which nobody minds, go on."""
+        _ = trial.watchdogs
+        trial.kill(trial.pid)
+        for guard in trial.guards:
+            trial.kill(guard, signal.SIGCONT)
+        wait_for(
+            lambda: not any(Path(f"/proc/{guard}/task").exists() for guard in trial.guards),
+            "end of the guards",
+        )
 
     def _look_at_the_bench(self, trial: Trial, deed: Deed, struck_s: float, tally: Tally) -> None:
         def stopped() -> bool:
@@ -247,7 +257,10 @@ def _trials(count: int, seed: int, lanes: int) -> dict[str, Tally]:
                     return
                 deed = DEEDS[number % len(DEEDS)]
                 tally = Tally()
-                here.attempt(deed, random.Random(f"{seed} {number}"), tally)
+                try:
+                    here.attempt(deed, random.Random(f"{seed} {number}"), tally)
+                except TimeoutError as error:
+                    tally.problems.append(f"{deed.name}: no {error}")
                 with lock:
                     tallies[deed.name].add(tally)
                     print(f"{number} {deed.name}: {tally.problems or 'well'}", file=sys.stderr, flush=True)

@@ -10,7 +10,7 @@ import signal
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,8 @@ class Trial:
     begun_s: float
     reads_to_s: float = math.inf
     """From then on the runner was dead or stopped: what it did not read a line may drop."""
+    guards: set[int] = field(default_factory=set)
+    """Every watchdog that it was seen to have."""
     struck_from_s: float = math.inf
     """From then on somebody may have told the bench to stop."""
 
@@ -46,11 +48,13 @@ class Trial:
         """The processes that guard it: of its children those that are watchdogs, the last one last."""
         with suppress(OSError):
             children = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text("ascii").split()
-            return [
+            found = [
                 int(pid)
                 for pid in children
                 if b"bench.control.watchdog" in Path(f"/proc/{pid}/cmdline").read_bytes()
             ]
+            self.guards.update(found)
+            return found
         return []
 
     def watchdog(self, number: int = 0) -> int:
