@@ -1,11 +1,12 @@
 """Where simulation and bench part, which effect is missing, and how much of the gap closes once it is in."""
 
+from bench.analysis.gap._batch import Batch, BatchEffect, diagnose_batch
 from bench.analysis.gap._channels import ChannelFinding
 from bench.analysis.gap._describe import UnknownPart
 from bench.analysis.gap._designs import Design, designs_for, other_equipment
 from bench.analysis.gap._diagnose import Diagnosis, closed_model, diagnose
 from bench.analysis.gap._exam_folder import hold_exam, read_exam
-from bench.analysis.gap._facts import diagnosis_facts, identifiable_facts, log_gap_facts
+from bench.analysis.gap._facts import batch_facts, diagnosis_facts, identifiable_facts, log_gap_facts
 from bench.analysis.gap._findings import Cause, Finding, Place, Shrinkage
 from bench.analysis.gap._identify import Identifiable, identifiable
 from bench.analysis.gap._learn import Learned
@@ -14,7 +15,7 @@ from bench.analysis.gap._noise import Noise
 from bench.analysis.gap._outlook import UNKNOWN, Choice, Outlook, information_gained, outlook
 from bench.analysis.gap._position import PositionFinding
 from bench.analysis.gap._rate import RateFinding
-from bench.analysis.gap._recordings import Recordings, read_recordings
+from bench.analysis.gap._recordings import Recordings, read_batch, read_recordings
 from bench.analysis.gap._rehearsal import LogCurve, LogGap, LogGaps, log_gaps
 from bench.analysis.gap._score import Exam, Marked
 from bench.analysis.gap._series import Difference, differences, write_missing
@@ -23,6 +24,8 @@ from bench.analysis.gap._suggest import Suggestion, suggest
 
 __all__ = [
     "UNKNOWN",
+    "Batch",
+    "BatchEffect",
     "Cause",
     "ChannelFinding",
     "Choice",
@@ -49,9 +52,11 @@ __all__ = [
     "Suggestion",
     "Term",
     "UnknownPart",
+    "batch_facts",
     "closed_model",
     "designs_for",
     "diagnose",
+    "diagnose_batch",
     "diagnosis_facts",
     "differences",
     "hold_exam",
@@ -64,6 +69,7 @@ __all__ = [
     "other_equipment",
     "outlook",
     "parse_model",
+    "read_batch",
     "read_exam",
     "read_model",
     "read_recordings",

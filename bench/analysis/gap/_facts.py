@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from bench.analysis.gap._batch import Batch
 from bench.analysis.gap._channels import ChannelFinding
 from bench.analysis.gap._diagnose import Diagnosis
 from bench.analysis.gap._findings import Cause, Place, Shrinkage
@@ -38,6 +39,25 @@ def diagnosis_facts(found: Diagnosis, following: Sequence[Suggestion] = ()) -> d
         "channels": [_channel(channel) for channel in found.channels],
     }
     return of_unit | _finite(facts)
+
+
+def batch_facts(batch: Batch) -> dict[str, Any]:
+    """Return the diagnoses of a batch's units, and whose each effect is, as JSON values."""
+    effects = [
+        {
+            "name": effect.name,
+            "set": list(effect.one_of),
+            "kind": effect.kind,
+            "in_all": effect.in_all,
+            "by_unit": dict(effect.by_unit),
+            "terms": {unit: _fitted(term) for unit, term in effect.terms.items()},
+            "one_value": dict(effect.one_value),
+            "unseen": dict(effect.unseen),
+        }
+        for effect in batch.effects
+    ]
+    units = {unit: diagnosis_facts(found) for unit, found in batch.units.items()}
+    return _finite({"units": units, "effects": effects})
 
 
 def identifiable_facts(found: Sequence[Identifiable]) -> dict[str, Any]:

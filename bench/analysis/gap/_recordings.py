@@ -11,7 +11,7 @@ from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._diagnose import Recording
 from bench.analysis.gap._import import read_mapped_runs
 from bench.analysis.gap._position import PositionRun, is_platform_run, load_platform_run
-from bench.analysis.gap._run_folder import load_gap_runs
+from bench.analysis.gap._run_folder import gyros_of, load_gap_runs
 from drivers.base.errors import ConfigurationError
 
 
@@ -72,6 +72,20 @@ def read_recordings(
         (*(run for run in given if run.run_id in named), *apart),
         missing | more,
     )
+
+
+def read_batch(paths: Sequence[Path]) -> list[GapRun]:
+    """Return the rate's runs of every gyro of run folders, and those of mapping files (.toml).
+
+    ConfigurationError for what cannot be read, and for runs of a platform.
+    """
+    runs: list[GapRun] = []
+    for path in paths:
+        if path.suffix == ".toml":
+            runs += read_mapped_runs(path)
+        else:
+            runs += [run for gyro in gyros_of(path) for run in load_gap_runs(path, gyro)]
+    return runs
 
 
 def _read(paths: Sequence[Path], gyro: str | None) -> tuple[list[Recording], dict[str, str]]:

@@ -28,13 +28,8 @@ AXES = "xyz"
 CALIBRATION = "system-calibration"
 
 
-def load_gap_runs(folder: Path, gyro: str | None = None) -> list[GapRun]:
-    """Return the stretches of a run folder: one, or one for each section of a scale-factor group.
-
-    `gyro` defaults to the first of the bench file. A stretch starts with the first phase after the table took its
-    position (`equilibrium`, or a section's `reference`) and covers whole seconds. ConfigurationError names what a
-    folder lacks.
-    """
+def gyros_of(folder: Path) -> list[str]:
+    """Return the names of a run's gyros in the order of the bench file; ConfigurationError for none."""
     run = Run.open(folder)
     units = [unit for unit in run.manifest.units if run.manifest.device(unit).role == "gyro"]
     if not units:
@@ -46,6 +41,17 @@ def load_gap_runs(folder: Path, gyro: str | None = None) -> list[GapRun]:
             expected="a run with a gyro: the gap is looked for in its rate",
             remedy="runs of a platform INS are diagnosed by themselves, without runs of a gyro among them",
         )
+    return units
+
+
+def load_gap_runs(folder: Path, gyro: str | None = None) -> list[GapRun]:
+    """Return the stretches of a run folder: one, or one for each section of a scale-factor group.
+
+    `gyro` defaults to the first of the bench file. A stretch starts with the first phase after the table took its
+    position (`equilibrium`, or a section's `reference`) and covers whole seconds. ConfigurationError names what a
+    folder lacks.
+    """
+    run, units = Run.open(folder), gyros_of(folder)
     name = gyro or units[0]
     if name not in units:
         raise ConfigurationError(

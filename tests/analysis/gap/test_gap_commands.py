@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.gap import Model, model_text, read_model
+from bench.present.cli.gap._batch import batch
 from bench.present.cli.gap._diagnose import close, diagnose
 from drivers.base.errors import ConfigurationError
 from tests.analysis.gap.conftest import stimulus
@@ -25,10 +26,10 @@ t_out = { name = "t_out", unit = "degC" }
 """
 
 
-def recordings(folder: Path, cubic_dph: float, names: str = "abc", seed: int = 8) -> Path:
+def recordings(folder: Path, cubic_dph: float, names: str = "abc", seed: int = 8, unit: str = "G7") -> Path:
     """Runs of 4000 s, axis up at 39.1 deg: Earth rate, white noise, bias with the cube of temperature."""
     rng = np.random.default_rng(seed)
-    text = HEAD
+    text = HEAD.replace("G7", unit)
     folder.mkdir(exist_ok=True)
     for name in names:
         s = stimulus(4000)
@@ -55,6 +56,23 @@ def test_one_of_the_runs_is_held_out_by_its_id(
     assert "a, b, c" in unknown.value.expected
     with pytest.raises(ConfigurationError, match="every run is held out"):
         diagnose([runs], model, [Path(name) for name in "abc"], None, True)
+
+
+def test_a_batch_of_mapped_recordings_says_whose_the_effect_is(
+    tmp_path: Path, nominal: Model, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = tmp_path / "nominal.toml"
+    model.write_text(model_text(nominal), encoding="utf-8")
+    runs = [recordings(tmp_path / unit, size, unit=unit) for unit, size in (("G7", 0.5), ("G8", 0.0))]
+    batch(runs, model)
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "unit G7: explained: bias_cubic unit G8: no gap" in shown
+    assert "bias_cubic: of G7, and of no other unit" in shown
+    batch(runs, model, True)
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["units"]["G8"]["verdict"] == "no gap"
+    ((parameter, value),) = facts["effects"][0]["terms"]["G7"]["parameters"].items()
+    assert parameter == "bias_dph_per_50k3" and value == pytest.approx(0.5, abs=0.05)
 
 
 def test_diagnose_prints_facts_and_close_writes_the_model(

@@ -2,6 +2,7 @@
 
 from typer import Typer
 
+from bench.present.cli.gap._batch import batch
 from bench.present.cli.gap._check import check
 from bench.present.cli.gap._diagnose import close, diagnose
 from bench.present.cli.gap._exam import exam
@@ -9,5 +10,5 @@ from bench.present.cli.gap._hunt import hunt
 from bench.present.cli.gap._rehearse import rehearse
 
 app = Typer(name="gap", no_args_is_help=True)
-for command in (check, diagnose, close, hunt, rehearse, exam):
+for command in (check, diagnose, batch, close, hunt, rehearse, exam):
     app.command()(command)
