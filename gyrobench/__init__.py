@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from gyrobench._operate import open_campaign as open_campaign
     from gyrobench._operate import rehearse as rehearse
     from gyrobench._operate import run as run
+    from gyrobench._operate import write_unit_fmu as write_unit_fmu
     from gyrobench._show import Plots as Plots
     from gyrobench._show import plot as plot
 
@@ -96,7 +97,7 @@ _HOMES = {
         "look",
     ),
     "gyrobench._open": ("load_bench", "open_run"),
-    "gyrobench._operate": ("open_campaign", "rehearse", "run"),
+    "gyrobench._operate": ("open_campaign", "rehearse", "run", "write_unit_fmu"),
     "gyrobench._show": ("Plots", "plot"),
 }
 """Module -> the public names that it holds."""

@@ -49,10 +49,30 @@ def rehearse(
     """
     found = _procedure(procedure)
     values = found.parse(parameters)
-    physics = plant if isinstance(plant, Plant) else load_plant(None if plant is None else Path(plant))
-    if seed is not None:
-        physics = physics.model_copy(update={"seed": seed})
-    return rehearse_procedure(found, values, _bench(bench), physics, Path(runs), show)
+    return rehearse_procedure(found, values, _bench(bench), _physics(plant, seed), Path(runs), show)
+
+
+def write_unit_fmu(
+    bench: BenchFile | Path | str,
+    file: Path | str,
+    /,
+    gyro: str | None = None,
+    *,
+    plant: Plant | Path | str | None = None,
+    seed: int | None = None,
+) -> Path:
+    """Write a gyro of an emulated lab that matches a bench file as an FMU for co-simulation; return its file.
+
+    `gyro`: its name, the first one without. `plant`: the physics behind it, or its file. `seed`: in place of the
+    plant's. Inputs are the true rate along each axis in inertial space, deg/s, and the air about the unit, degC;
+    outputs the rate as measured, deg/s, and readings of temperature, degC (docs/gap.md). Where the FMU runs,
+    gyrobench must be importable. ConfigurationError for a gyro that there is not, an IMU, a model with effects of
+    angle or attitude, and without the extra `fmu`.
+    """
+    from bench.lab.unit_fmu import write_unit_fmu as write
+
+    write(Path(file), _bench(bench), _physics(plant, seed), gyro)
+    return Path(file)
 
 
 def run(
@@ -83,6 +103,11 @@ def run(
 
 def _procedure(procedure: str | Procedure) -> Procedure:
     return procedure if isinstance(procedure, Procedure) else read_procedure(procedure)
+
+
+def _physics(plant: Plant | Path | str | None, seed: int | None) -> Plant:
+    physics = plant if isinstance(plant, Plant) else load_plant(None if plant is None else Path(plant))
+    return physics if seed is None else physics.model_copy(update={"seed": seed})
 
 
 def _bench(bench: BenchFile | Path | str) -> BenchFile:

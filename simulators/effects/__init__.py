@@ -1,6 +1,14 @@
 """The catalogue of effects: what a gyro's output can depend on, as columns of a linear model of the stimulus."""
 
-from simulators.effects._catalogue import CATALOGUE, AnyEffect, add_effects, catalogue, effect_named, simulate
+from simulators.effects._catalogue import (
+    CATALOGUE,
+    AnyEffect,
+    add_effects,
+    catalogue,
+    effect_named,
+    own_file,
+    simulate,
+)
 from simulators.effects._channel import (
     CHANNEL_UNITS,
     AppliedBySecond,
@@ -67,5 +75,6 @@ __all__ = [
     "catalogue",
     "effect_named",
     "learned_shape",
+    "own_file",
     "simulate",
 ]

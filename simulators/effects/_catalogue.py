@@ -100,6 +100,11 @@ def effect_named(name: str, shape: Shape) -> AnyEffect | None:
     return learned_effect(name, shape) or catalogue().get(name)
 
 
+def own_file(name: str) -> Path | None:
+    """Return the file by which `add_effects` was given an effect, None for one of a package."""
+    return _FROM_FILES[name][1] if name in _FROM_FILES else None
+
+
 def _check(effect: object, where: str, found: dict[str, AnyEffect]) -> None:
     if not isinstance(effect, (Effect, Disturbance, ChannelEffect)):
         raise ConfigurationError(

@@ -55,7 +55,7 @@ def build_lab(config: LabConfig) -> tuple[Lab, dict[str, Act]]:
 
 def _built(config: LabConfig, ports: list[Port]) -> tuple[Lab, dict[str, Act]]:
     """Build a lab; what it has opened is in `ports`, whether it can be built or not."""
-    plant = LabPlant(_plant_config(config))
+    plant = LabPlant(plant_config(config))
     ports.append(_port("table", config.table.port, config))
     ports.append(_port("chamber", config.chamber.port, config))
     emulators: dict[str, Emulator] = {
@@ -132,7 +132,8 @@ def _lines(config: LabConfig, emulators: Mapping[str, Emulator], plant: LabPlant
     return lines
 
 
-def _plant_config(config: LabConfig) -> PlantConfig:
+def plant_config(config: LabConfig) -> PlantConfig:
+    """Return the physics of a lab; ConfigurationError for a model of a chamber or unit that there is not."""
     return PlantConfig(
         latitude_deg=config.latitude_deg,
         seed=config.seed,

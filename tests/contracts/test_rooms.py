@@ -19,10 +19,16 @@ FORBIDDEN = {
 }
 COMPARES_WITH_EMULATION = {
     Path("bench/analysis/gap"): ("simulators.effects", "simulators.exam"),
-    Path("bench/lab"): ("simulators.config", "simulators.faults", "simulators.lab.in_process"),
+    Path("bench/lab"): (
+        "simulators.config",
+        "simulators.faults",
+        "simulators.lab.in_process",
+        "simulators.lab.unit_alone",
+    ),
 }
 """The gap diagnosis holds a bench against its emulation and reads its effects; a lab is told what to be, and may
-be in the bench's process: then it too hands out ports and a clock URL only."""
+be in the bench's process: then it too hands out ports and a clock URL only. An FMU is told which
+unit to execute."""
 SOURCES = sorted(path.relative_to(ROOT) for room in ROOMS for path in (ROOT / room).rglob("*.py"))
 
 

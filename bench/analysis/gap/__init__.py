@@ -10,6 +10,7 @@ from bench.analysis.gap._facts import batch_facts, diagnosis_facts, identifiable
 from bench.analysis.gap._findings import Cause, Finding, Place, Shrinkage
 from bench.analysis.gap._identify import Identifiable, identifiable
 from bench.analysis.gap._learn import Learned
+from bench.analysis.gap._missing import write_missing_fmu
 from bench.analysis.gap._model_file import Model, Term, model_text, parse_model, read_model
 from bench.analysis.gap._noise import Noise
 from bench.analysis.gap._outlook import UNKNOWN, Choice, Outlook, information_gained, outlook
@@ -76,4 +77,5 @@ __all__ = [
     "suggest",
     "take_own",
     "write_missing",
+    "write_missing_fmu",
 ]

@@ -110,6 +110,11 @@ def lab(
         bool, Option("--virtual", help="serve a virtual clock instead of following the wall clock")
     ] = False,
     write: Annotated[Path | None, Option(help="write a bench file that reaches this lab's ports")] = None,
+    fmu: Annotated[
+        Path | None,
+        Option("--fmu", help="write a gyro as an FMU for co-simulation instead, and end (extra: fmu)"),
+    ] = None,
+    gyro: Annotated[str | None, Option("--gyro", help="with --fmu: which gyro; default the first")] = None,
     as_json: options.Json = False,
 ) -> None:
     """Serve an emulated lab to other software, until Ctrl-C.
@@ -124,6 +129,13 @@ def lab(
 
     console = Terminal(as_json=as_json)
     emulated = load_plant(plant, seed)
+    if fmu is not None:
+        from bench.lab.unit_fmu import write_unit_fmu
+
+        write_unit_fmu(fmu, load_bench_file(bench), emulated, gyro)
+        console.say_json("result", file=fmu)
+        console.say(str(fmu))
+        return
     clock: Literal["virtual", "wall"] = "virtual" if virtual else "wall"
     with EmulatedLab(load_bench_file(bench), emulated, clock=clock, apart=True) as served:
         console.table(("device", "port"), served.ports.items())

@@ -120,6 +120,42 @@ def test_an_fmu_of_a_makers_tool(campaign: Path, monkeypatch: pytest.MonkeyPatch
     check_closed(campaign, campaign / "map.toml", model)
 
 
+def test_what_a_simulation_lacks_as_an_fmu(campaign: Path) -> None:
+    """Run by FMPy on a recorded temperature, it gives the column of what is missing."""
+    fmpy = pytest.importorskip("fmpy", reason="an FMU needs the extra fmu, which is not installed here")
+    pytest.importorskip("pythonfmu", reason="writing an FMU needs the extra fmu, which is not installed here")
+    model, file = nominal(campaign, KINDS["columns of each run"]), campaign / "missing.fmu"
+    command = [
+        "gap",
+        "close",
+        str(campaign / "map.toml"),
+        "--model",
+        str(model),
+        "--fmu",
+        str(file),
+        "--json",
+    ]
+    said = CliRunner().invoke(app, command)
+    assert said.exit_code == 0, said.output
+    assert json.loads(said.output)["fmu"] == str(file)
+    log, table = pd.read_csv(campaign / "run0.csv"), pd.read_csv(json.loads(said.output)["tables"][0])
+    signals = np.zeros(STEPS, dtype=[("time", np.float64), ("t_in_c", np.float64)])
+    signals["time"], signals["t_in_c"] = log["t"] - PERIOD, log["temp"]
+    made = fmpy.simulate_fmu(str(file), stop_time=STEPS * PERIOD, output_interval=PERIOD, input=signals)
+    found = np.asarray(made["missing_dph"][1:])
+    assert found == pytest.approx(SLOPE_DPH_PER_K * (log["temp"].to_numpy() - 25.0), abs=0.2)
+    # the first row of a log begins its first step
+    assert found[1:] == pytest.approx(table["missing_dph"].to_numpy(), abs=0.2)
+
+
+def test_an_fmu_that_cannot_be_is_refused_before_anything_is_diagnosed(campaign: Path) -> None:
+    model = nominal(campaign, KINDS["columns of each run"])
+    command = ["gap", "close", "not there", "--model", str(model), "--fmu", "missing.zip"]
+    said = CliRunner().invoke(app, command)
+    assert said.exit_code != 0
+    assert "ends in .fmu" in str(said.exception)
+
+
 @pytest.mark.parametrize(
     ("simulation", "told"),
     [

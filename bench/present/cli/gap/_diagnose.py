@@ -141,6 +141,9 @@ def close(
     model: NominalModel,
     gyro: DiagnosedGyro = None,
     out: Annotated[Path | None, Option(help="file; default nominal+<effect>.toml beside the model")] = None,
+    fmu: Annotated[
+        Path | None, Option(help="write what is missing as an FMU for co-simulation, too (extra: fmu)")
+    ] = None,
     as_json: Json = False,
     effects: OwnEffects = None,
 ) -> None:
@@ -150,27 +153,32 @@ def close(
     CSV file for each run has what it lacks, over time.
     """
     from bench.analysis import gap
+    from bench.analysis.common.fmu import check_can_write
     from bench.analysis.common.state_file import save_file
     from bench.present.sentences import learned_sentences
 
     for file in effects or ():
         gap.take_own(file)
-    console = Terminal(as_json=as_json)
+    if fmu is not None:
+        check_can_write(fmu)
+    console, nominal = Terminal(as_json=as_json), gap.read_model(model)
     given = gap.read_recordings(runs, gyro=gyro)
-    found = gap.diagnose(given.runs, gap.read_model(model), missing=given.missing)
+    found = gap.diagnose(given.runs, nominal, missing=given.missing)
     facts = {"verdict": found.verdict, "effects": list(found.closing)}
     if not found.closing:
-        console.say_json("result", **facts, file=None, tables=[])
+        console.say_json("result", **facts, file=None, tables=[], fmu=None)
         named = "".join(f", {cause.name}" for cause in found.causes)
         text = f"{found.verdict}{named}: there is no effect to put into the model"
         console.say(text, style="yellow")
         return
+    if fmu is not None:
+        gap.write_missing_fmu(gap.closed_model(found), nominal, given.shown, fmu)
     path = out or model.with_name(f"{model.stem}+{'+'.join(found.closing)}.toml")
     closed = gap.closed_model(found)
     if closed.simulation is not None:
         closed = replace(closed, simulation=closed.simulation.moved(path.parent))
     save_file(path, gap.model_text(closed))
     tables = gap.write_missing(closed, given.shown, path)
-    console.say_json("result", **facts, file=path, tables=tables)
-    console.say_all((path, *tables), soft_wrap=True)
+    console.say_json("result", **facts, file=path, tables=tables, fmu=fmu)
+    console.say_all((path, *tables, *([fmu] if fmu else [])), soft_wrap=True)
     console.say_all(learned_sentences(found.rate.learned) if found.position is None else ())
