@@ -5,12 +5,16 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
+from typing import TypeVar
 
 from bench.analysis.common.fmu import write_fmu
 from bench.lab.emulated import Plant, lab_config
 from bench.record.benchfile import BenchFile
 from drivers.base.errors import ConfigurationError
+from drivers.kit.config import DeviceConfig
 from simulators.lab.unit_alone import UnitAlone
+
+_D = TypeVar("_D", bound=DeviceConfig)
 
 
 def write_unit_fmu(file: Path, bench: BenchFile, plant: Plant, gyro: str | None = None) -> None:
@@ -30,9 +34,12 @@ def write_unit_fmu(file: Path, bench: BenchFile, plant: Plant, gyro: str | None 
             found=gyro or "no gyro at all",
             expected=", ".join(each.config.name for each in config.gyros) or "a bench file with a [[gyro]]",
         )
+    section = _anywhere(chosen[0].config, "channel" if chosen[0].config.on_can else "port")
     alone = dataclasses.replace(
         config,
-        gyros=tuple(chosen),
+        table=_anywhere(config.table),
+        chamber=_anywhere(config.chamber),
+        gyros=(dataclasses.replace(chosen[0], config=section),),
         platforms=(),
         instruments=(),
         faults=(),
@@ -43,3 +50,8 @@ def write_unit_fmu(file: Path, bench: BenchFile, plant: Plant, gyro: str | None 
     unit = chosen[0].config.unit
     about = f"Emulated gyro {unit}, model {chosen[0].model}, seed {plant.seed}."
     write_fmu(file, UnitAlone, json.loads(alone.to_line()), about)
+
+
+def _anywhere(section: _D, place: str = "port") -> _D:
+    """Return a device without where it is on its bench: whom the FMU is given to need not know."""
+    return dataclasses.replace(section, **{place: "none"})

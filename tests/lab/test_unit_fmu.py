@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -173,6 +174,9 @@ def test_the_command_writes_it_and_says_what_it_needs(tmp_path: Path) -> None:
         "rate_x_dps", "rate_y_dps", "rate_z_dps", "air_temp_c",
     ]  # fmt: skip
     assert described.defaultExperiment.stepSize == "0.1"
+    with zipfile.ZipFile(file) as parts:
+        given = parts.read("resources/gyrobench_fmu.json").decode()
+    assert "ELL-001" in given and not any(place in given for place in ("/dev/", "192.168."))
 
 
 def test_what_cannot_be_is_refused_in_words(tmp_path: Path) -> None:
