@@ -40,6 +40,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         _part(
             "bench/control/watchdog/*",
             "tests/safety/test_takeover test_starved_runner test_replaced_terminal",
+            "tests/safety/test_watchdogs_of_a_runner test_second_watchdog test_lease_after_the_runner",
             "tests/reliability/test_watchdog",
         ),
     ),
