@@ -89,7 +89,7 @@ class Silence:
     silent; None: its process had ended.
     """
 
-    def __init__(self, monkeypatch, said, starved, first=None):
+    def __init__(self, monkeypatch, said, starved, first=None, armed=False):
         self.others = {1: Stand(), 2: Stand()}
         self.said, self.starved, self.now_s, self.silences_s = dict(said), starved, 0.0, []
         quiet = SimpleNamespace(SIGINT=0, SIGTERM=0, SIGHUP=0, SIG_IGN=0, signal=lambda *_: None)
@@ -100,7 +100,7 @@ class Silence:
             "select": SimpleNamespace(select=self.select),
             "host_seconds": lambda: self.now_s,
             "runqueue_wait_s": lambda pid: self.starved(self.now_s),
-            "_read_order": lambda: _process.Order(Path(), 1, (), {}, first=first),
+            "_read_order": lambda: _process.Order(Path(), 1, (), {}, armed, first=first),
             "Other": SimpleNamespace(of=lambda pid: self.others[pid]),
             "_take_over": lambda order, runner, silent_s: self.silences_s.append(silent_s) is None,
         }.items():
@@ -175,6 +175,13 @@ def test_the_second_leaves_the_bench_to_the_first_for_a_little_and_does_it_if_th
     assert first.asked == [(Path("watchdog"), 0.2 if ends else 0.0)]
     assert runner.now_s == pytest.approx(1.5 if ends else 3.2)
     assert runner.silences_s == ([] if does_it else [None if ends else pytest.approx(2.2)])
+
+
+def test_one_that_comes_up_counts_from_the_last_beat_that_was_sent_meanwhile(monkeypatch):
+    """The runner was stopped 1.5 s ago."""
+    runner = Silence(monkeypatch, {0.0: beat_line(0, -1.5)}, starved_from_ten(0.0), first=2, armed=True)
+    assert _process.main() == 0
+    assert runner.silences_s == [pytest.approx(2.2)] and runner.now_s == pytest.approx(0.7)
 
 
 def test_beats_that_lay_in_the_pipe_are_no_sign_of_life_of_now(monkeypatch):

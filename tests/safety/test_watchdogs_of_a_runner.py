@@ -341,6 +341,19 @@ def test_beats_before_the_word_that_arms_have_no_number_to_answer(guarded):
     assert guarded.first.read() == b"0 100.500000\n"
 
 
+def test_one_that_comes_up_finds_the_beats_that_were_sent_meanwhile(guarded):
+    guarded.arm(second=False)
+    guarded.last.read()
+    for _ in range(2):
+        guarded.now_s += 0.25
+        guarded.dog.beat()
+    assert guarded.last.read() == b"0 100.250000\n0 100.500000\n"
+    guarded.last.says_ready()
+    guarded.now_s += 0.25
+    guarded.dog.beat()
+    assert guarded.last.read() == beat_line(1, 100.75)
+
+
 def test_watchdogs_that_are_lost_again_and_again_end_the_run(guarded):
     """Three are replaced; then the two that are left are the last."""
     guarded.arm()

@@ -235,7 +235,9 @@ class Watchdog:
             late = not process.ready and now_s - process.started_s > REPLACED_S
             if process.ended or late or silent_s is not None:
                 self._replace(process, silent_s)
-            elif process.ready:
+            elif not process.ready:  # when it is up it knows since when this process is silent
+                process.write(beat_line(0, now_s))
+            else:
                 if process.untold:
                     process.untold = False
                     self._tell(Alarm("watchdog", "a new one guards the bench", "watchdog_back"))
