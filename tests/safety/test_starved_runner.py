@@ -178,10 +178,24 @@ def test_the_second_leaves_the_bench_to_the_first_for_a_little_and_does_it_if_th
 
 
 def test_one_that_comes_up_counts_from_the_last_beat_that_was_sent_meanwhile(monkeypatch):
-    """The runner was stopped 1.5 s ago."""
-    runner = Silence(monkeypatch, {0.0: beat_line(0, -1.5)}, starved_from_ten(0.0), first=2, armed=True)
+    """The runner was stopped 1.2 s ago."""
+    runner = Silence(monkeypatch, {0.0: beat_line(0, -1.2)}, starved_from_ten(0.0), first=2, armed=True)
     assert _process.main() == 0
-    assert runner.silences_s == [pytest.approx(2.2)] and runner.now_s == pytest.approx(0.7)
+    assert runner.silences_s == [pytest.approx(2.2)] and runner.now_s == pytest.approx(1.0)
+
+
+def test_one_that_was_stopped_on_its_way_hears_the_runner_go_on(monkeypatch):
+    """Both were stopped for 5 s: the beats in the pipe are old, the next comes half a second after it is up."""
+    said = {0.0: beat_line(0, -5.0), 0.5: beat_line(0, 0.5), 0.7: DISMISS}
+    runner = Silence(monkeypatch, said, starved_from_ten(0.0), first=2, armed=True)
+    assert _process.main() == 0
+    assert runner.silences_s == [] and runner.now_s == 0.7
+
+
+def test_one_that_comes_up_long_after_the_last_beat_waits_for_one_for_a_moment_only(monkeypatch):
+    runner = Silence(monkeypatch, {0.0: beat_line(0, -5.0)}, starved_from_ten(0.0), first=2, armed=True)
+    assert _process.main() == 0
+    assert runner.now_s == pytest.approx(0.8) and len(runner.silences_s) == 1
 
 
 def test_beats_that_lay_in_the_pipe_are_no_sign_of_life_of_now(monkeypatch):

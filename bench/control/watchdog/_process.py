@@ -44,6 +44,10 @@ _OVERSLEPT_S = 1.0
 """A watchdog that wakes so much later was stopped, its runner perhaps too: that is given its time anew, once. It
 tells of the gap itself (`bench.control.time_watch`)."""
 
+_FIRST_BEAT_S = 0.8
+"""So long one that has come up waits for a beat, whatever lay in the pipe: it may have been stopped on its way,
+and its runner with it. Beats come twice a second at least."""
+
 _LEASE_S = 1.0
 """How long the lease is tried that the runner's end has freed, where no process inherits it: a table may turn."""
 
@@ -89,7 +93,8 @@ def main() -> int:
     ):  # dismissed while it came up, or the runner has ended: both are read below
         write(READY + b"\n")
     armed, unread = order.armed, b""
-    timeout = SilenceTimeout(host_seconds(), runqueue_wait_s(order.runner), hung_s if armed else UNARMED_S)
+    up_s = host_seconds()
+    timeout = SilenceTimeout(up_s, runqueue_wait_s(order.runner), hung_s if armed else UNARMED_S)
     excused = False
     while True:
         waited_s, began_s = runqueue_wait_s(order.runner), host_seconds()
@@ -109,6 +114,8 @@ def main() -> int:
             with suppress(OSError):
                 write(lines[-1] + b"\n")
             heard_s = now_s if overslept or lines[-1] == ARMED else sent_s(lines[-1])
+            if order.armed:
+                heard_s = max(heard_s, up_s + _FIRST_BEAT_S - hung_s)
             timeout = SilenceTimeout(heard_s, waited_s, hung_s if armed else UNARMED_S)
             excused = overslept
         elif overslept:
