@@ -192,3 +192,11 @@ def test_what_cannot_be_is_refused_in_words(tmp_path: Path) -> None:
         with pytest.raises(ConfigurationError, match=words):
             write_unit_fmu(tmp_path / name, bench(), plant, gyro)
     assert list(tmp_path.iterdir()) == [tilted]
+
+
+@pytest.mark.parametrize(
+    ("words", "found"), [(["--gyro", "fog_1"], "--fmu"), (["--fmu", "a.fmu", "--virtual"], "none")]
+)
+def test_options_that_do_not_go_together_are_refused(words: list[str], found: str) -> None:
+    said = CliRunner().invoke(app, ["lab", "--bench", str(DEMO), *words])
+    assert said.exit_code == 2 and found in said.output

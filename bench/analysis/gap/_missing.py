@@ -174,12 +174,7 @@ def _of(
 
 def _check_causal(variants: list[Variant]) -> None:
     """Raise ConfigurationError for terms that need more than a plant can have, all of them by name."""
-    names = []
-    for variant in variants:
-        try:
-            assert variant.effect.causal
-        except ConfigurationError:
-            names.append(variant.effect.name)
+    names = [variant.effect.name for variant in variants if not _is_causal(variant.effect)]
     if names:
         raise ConfigurationError(
             "a step-by-step simulation cannot have these terms",
@@ -188,6 +183,13 @@ def _check_causal(variants: list[Variant]) -> None:
             expected="terms of temperatures and time alone, or of rate, angle and attitude alone",
             remedy="close without --fmu and take what is missing from the columns (`missing_dph`)",
         )
+
+
+def _is_causal(effect: Effect) -> bool:
+    try:
+        return effect.causal in Causal
+    except ConfigurationError:
+        return False
 
 
 def _wanted(variants: list[Variant]) -> list[str]:

@@ -112,10 +112,14 @@ def clock_of(
     coarse = (step == 0.0).mean() > 0.5
     pace = _pace_of_bursts(time_s) if coarse or (even.mean() < _FEW_EVEN and covered < 0.5) else None
     if pace is None:
+        ahead = forward.astype(np.int64)
         # A row that came late is none missing where those after it come early by as much: a bus or host was busy.
-        early = np.append(np.where(forward, np.clip(1.0 - step / usual, 0.0, 1.0), 0.0), np.zeros(_CAUGHT_UP))
-        after = sum(early[k : len(step) + k] for k in range(1, _CAUGHT_UP + 1))
-        ahead = np.where(forward, np.maximum(np.rint(step / usual - after), 1.0), 0.0).astype(np.int64)
+        late_rows = np.flatnonzero(forward & (step >= 1.5 * usual))
+        later = late_rows[:, None] + np.arange(1, _CAUGHT_UP + 1)
+        inside = later < len(step)
+        later = np.where(inside, later, 0)
+        early = np.where(inside & forward[later], np.clip(1.0 - step[later] / usual, 0.0, 1.0), 0.0)
+        ahead[late_rows] = np.maximum(np.rint(step[late_rows] / usual - early.sum(axis=1)), 1.0)
     else:
         (usual, longest_s), forward = pace, np.ones(len(step), np.bool_)
         ahead = np.where(step > longest_s, np.rint(step / usual), 1.0).astype(np.int64)

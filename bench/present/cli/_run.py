@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from typer import Context, Option, Typer
+from typer import BadParameter, Context, Option, Typer
 
 from bench.present.cli import _options as options
 from bench.present.cli._texts import duration, size
@@ -127,6 +127,10 @@ def lab(
     from bench.present.cli._console import Terminal
     from bench.record.benchfile import bench_file_text, load_bench_file
 
+    if fmu is None and gyro is not None:
+        raise BadParameter("--gyro goes with --fmu")
+    if fmu is not None and (virtual or write is not None):
+        raise BadParameter("--virtual and --write are for a lab that is served, and --fmu serves none")
     console = Terminal(as_json=as_json)
     emulated = load_plant(plant, seed)
     if fmu is not None:
