@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.record.exchange import read_mdf_frames
+from bench.record.mdf_frames import read_mdf_frames
 from drivers.base.errors import ConfigurationError
 from drivers.can_dbc import CanDecoder, CanLayout, identifier_names
 from drivers.frames import FrameFamily, reader_of

@@ -30,7 +30,8 @@ def labs() -> set[int]:
 
 
 @pytest.mark.parametrize(
-    ("number", "words"), [(signal.SIGKILL, "the emulated lab is gone"), (signal.SIGSTOP, "said nothing for 1 s")]
+    ("number", "words"),
+    [(signal.SIGKILL, "the emulated lab is gone"), (signal.SIGSTOP, "said nothing for 1 s")],
 )
 def test_a_lab_that_dies_or_stands_still_is_told(
     monkeypatch: pytest.MonkeyPatch, number: signal.Signals, words: str

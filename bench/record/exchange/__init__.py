@@ -5,7 +5,6 @@ from bench.record.exchange._export import export_run
 from bench.record.exchange._import import decode_imported, import_log
 from bench.record.exchange._log import read_log
 from bench.record.exchange._mapping import LogEntry, Mapping, read_mapping
-from bench.record.exchange._mdf_frames import read_mdf_frames
 from bench.record.exchange._table import Table, read_table
 from bench.record.exchange._units import BASE_UNITS, Scale, scale_of, unit_error
 
@@ -21,7 +20,6 @@ __all__ = [
     "import_log",
     "read_log",
     "read_mapping",
-    "read_mdf_frames",
     "read_table",
     "scale_of",
     "unit_error",

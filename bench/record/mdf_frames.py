@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.record.exchange._table import load_asammdf
 from drivers.base.errors import ConfigurationError
+from drivers.base.plugins import from_extra
 from drivers.kit.slcan_codec import FRAME_DTYPE
 
 _FRAME, _OTHERS = "CAN_DataFrame", {"CAN_ErrorFrame": "error_frame", "CAN_RemoteFrame": "remote_frame"}
@@ -22,7 +22,7 @@ def read_mdf_frames(file: Path) -> tuple[NDArray[np.void], NDArray[np.float64], 
     Frames are of `drivers.kit.slcan_codec.FRAME_DTYPE`; `end_offset` is the number of the frame, from 1. Left
     out, by kind: CAN FD, error and remote frames. ConfigurationError for a file that cannot be read or has none.
     """
-    asammdf = load_asammdf()
+    asammdf = from_extra("asammdf", "exchange", "reading MDF files")
     left_out: dict[str, int] = {}
     parts: list[NDArray[np.void]] = []
     times: list[NDArray[np.float64]] = []
