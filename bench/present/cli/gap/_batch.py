@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def batch(
     runs: DiagnosedRuns, model: NominalModel, as_json: Json = False, effects: OwnEffects = None
 ) -> None:
-    """Say which missing effects all units of a type have, and which are one unit's own.
+    """Say which missing effects all units have, which one unit alone.
 
     Every gyro of the runs is a unit, told apart by its serial number.
     """
