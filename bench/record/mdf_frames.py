@@ -20,7 +20,7 @@ def read_mdf_frames(file: Path) -> tuple[NDArray[np.void], NDArray[np.float64], 
     """Return the frames of all channels in the order of time, their times in s, (n,) each, and what was left out.
 
     Frames are of `drivers.kit.slcan_codec.FRAME_DTYPE`; `end_offset` is the number of the frame, from 1. Left
-    out, by kind: CAN FD, error and remote frames. ConfigurationError for a file that cannot be read or has none.
+    out, by kind: CAN FD, error and remote frames. ConfigurationError for a damaged file and one that has none.
     """
     asammdf = from_extra("asammdf", "exchange", "reading MDF files")
     left_out: dict[str, int] = {}
@@ -39,7 +39,7 @@ def read_mdf_frames(file: Path) -> tuple[NDArray[np.void], NDArray[np.float64], 
                     times.append(np.asarray(signal.timestamps, np.float64)[classic])
                     if fd := int(len(classic) - classic.sum()):
                         left_out["fd"] = left_out.get("fd", 0) + fd
-    except ConfigurationError:
+    except OSError:
         raise
     except Exception as error:  # whatever asammdf raises on a damaged file
         raise _refused(file, f"{type(error).__name__}: {error}") from error

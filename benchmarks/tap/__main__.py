@@ -241,7 +241,7 @@ def _line(name: str, tally: Tally) -> str:
     return f"| {' | '.join(map(str, cells))} |"
 
 
-def _trials(count: int, seed: int, lanes: int) -> dict[str, Tally]:
+def make_trials(count: int, seed: int, lanes: int) -> dict[str, Tally]:
     """Make the trials, the kinds in turn; return what became of each kind."""
     tallies = {deed.name: Tally() for deed in DEEDS}
     numbers, lock = iter(range(count)), threading.Lock()
@@ -277,7 +277,7 @@ def _trials(count: int, seed: int, lanes: int) -> dict[str, Tally]:
 def main() -> int:
     """Make the trials and write their section; 1 if a bench was not stopped in time or a record is not true."""
     count, seed, lanes = (*map(int, sys.argv[1:4]), *(72, 1, 2)[len(sys.argv) - 1 :])
-    tallies = _trials(count, seed, lanes)
+    tallies = make_trials(count, seed, lanes)
     late = [
         f"{deed.name}: at rest after {rest_s:.2f} s"
         for deed in DEEDS

@@ -80,6 +80,18 @@ def test_a_folder_of_the_users_that_hides_a_room_is_named(
     assert len(command.stderr.splitlines()) == 1
 
 
+def test_a_dataclass_that_shows_itself_does_not_bring_a_repr_of_its_own() -> None:
+    loud = []
+    for path in (ROOT / "bench").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef) and "Shown" in map(ast.unparse, node.bases):
+                made = [
+                    text for text in map(ast.unparse, node.decorator_list) if text.startswith("dataclass")
+                ]
+                loud += [f"{path.name}: {node.name}" for text in made if "repr=False" not in text]
+    assert loud == []
+
+
 def test_a_bench_file_shows_itself_in_a_line_and_as_html() -> None:
     bench = gyrobench.load_bench(ROOT / "examples" / "demo.toml")
     assert bench == load_bench_file(ROOT / "examples" / "demo.toml")

@@ -327,7 +327,7 @@ def test_one_that_comes_up_is_waited_for_twenty_seconds_then_another_started(gua
         guarded.dog.beat()
         assert [event.code for event in guarded.told] == codes
         assert all(
-            "has not come up within 20 s: the other one guards" in event.text for event in guarded.told
+            "has not come up within 20 s; the other one guards" in event.text for event in guarded.told
         )
         guarded.first.read()
         os.write(guarded.first.says, beat_line(1000, 0.0))

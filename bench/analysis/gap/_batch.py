@@ -26,7 +26,7 @@ _SURE = 0.8
 """Probability from which something is said, as in a diagnosis of one unit."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class BatchEffect(Shown):
     """An effect that acts in at least one unit of a batch.
 
@@ -61,7 +61,7 @@ class BatchEffect(Shown):
         return {"effect": self.name, "kind": self.kind, "in all": self.in_all, "units": list(self.units)}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Batch(Shown):
     """The diagnosis of every unit by itself, by its id, and the effects over all, the most probable first."""
 
@@ -89,18 +89,19 @@ def diagnose_batch(runs: Sequence[GapRun], model: Model) -> Batch:
             expected="runs of at least two units of one type, told apart by their serial numbers",
             remedy="`gyrobench gap diagnose` takes the runs of one unit",
         )
-    return compare_units({unit: diagnose(each, model) for unit, each in by_unit.items()})
+    return _compared(
+        {unit: diagnose(each, model) for unit, each in by_unit.items()}, list(effects_beside(model))
+    )
 
 
-def compare_units(units: Mapping[str, Diagnosis]) -> Batch:
+def _compared(units: Mapping[str, Diagnosis], catalogue: Sequence[str]) -> Batch:
     """Say of every effect that a diagnosis of a unit holds for possible whether it is the type's or the unit's.
 
     Every unit has the type's effects, and effects of its own. Each effect is as probable before the runs as the
     next, in either place; a unit's diagnosis counts by what it says for a set of effects over what was to be
     expected of it. Effects that a unit's runs cannot show are neither for nor against.
     """
-    (one,) = {0.5 / max(len(effects_beside(found.model)), 1) for found in units.values()}
-    alike = _alike_in(units)
+    alike = _alike_in(units, catalogue)
     weights = {unit: _sets(found, alike) for unit, found in units.items()}
     hidden = {
         unit: frozenset(
@@ -108,18 +109,18 @@ def compare_units(units: Mapping[str, Diagnosis]) -> Batch:
         )
         for unit, found in units.items()
     }
-    in_all, by_unit = _shared(weights, hidden, one)
-    effects = [_effect(each, in_all[each], by_unit[each], units) for each in in_all]
+    in_all, by_unit = _shared(weights, hidden, 0.5 / max(len(catalogue), 1))
+    effects = [_effect(each, in_all[each], by_unit[each], units, hidden) for each in in_all]
     shown = [effect for effect in effects if max(effect.by_unit.values()) >= _SURE]
     return Batch(dict(units), tuple(sorted(shown, key=lambda effect: -sum(effect.by_unit.values()))))
 
 
-def _alike_in(units: Mapping[str, Diagnosis]) -> dict[str, Alike]:
+def _alike_in(units: Mapping[str, Diagnosis], catalogue: Sequence[str]) -> dict[str, Alike]:
     """Return for each effect of the catalogue those that some unit's runs cannot tell from it, itself among them.
 
     Several units do not tell them apart either: what a formula misses of the real effect it misses in all.
     """
-    alike = {name: {name} for found in units.values() for name in effects_beside(found.model)}
+    alike = {name: {name} for name in catalogue}
     for found in units.values():
         for cause in found.rate.causes:
             joined = set().union(*(alike[name] for name in (cause.name, *cause.one_of)))
@@ -138,7 +139,11 @@ def _sets(found: Diagnosis, alike: Mapping[str, Alike]) -> dict[frozenset[Alike]
 
 
 def _effect(
-    alike: Alike, in_all: float, by_unit: Mapping[str, float], units: Mapping[str, Diagnosis]
+    alike: Alike,
+    in_all: float,
+    by_unit: Mapping[str, float],
+    units: Mapping[str, Diagnosis],
+    hidden: Mapping[str, frozenset[Alike]],
 ) -> BatchEffect:
     causes = {
         unit: cause for unit, found in units.items() for cause in found.rate.causes if cause.name in alike
@@ -148,9 +153,7 @@ def _effect(
         often[cause.name] += cause.probability
     one_of = tuple(sorted(alike, key=lambda name: -often[name]))
     unseen = {
-        unit: found.rate.unidentifiable[one_of[0]]
-        for unit, found in units.items()
-        if all(name in found.rate.unidentifiable for name in alike)
+        unit: found.rate.unidentifiable[one_of[0]] for unit, found in units.items() if alike in hidden[unit]
     }
     decided = all(max(each, 1.0 - each) >= _SURE for each in by_unit.values())
     kind: Literal["common", "own", "some"] = "own" if decided else "some"

@@ -114,7 +114,7 @@ def clock_of(
     if pace is None:
         ahead = forward.astype(np.int64)
         # A row that came late is none missing where those after it come early by as much: a bus or host was busy.
-        late_rows = np.flatnonzero(forward & (step >= 1.5 * usual))
+        late_rows = np.flatnonzero(forward & (step / usual >= 1.5))
         later = late_rows[:, None] + np.arange(1, _CAUGHT_UP + 1)
         inside = later < len(step)
         later = np.where(inside, later, 0)

@@ -142,7 +142,7 @@ class _Process:
             self._process.kill()
 
     def ended_well(self) -> bool:
-        """Wait until it has ended; return whether it did so because it was dismissed."""
+        """Wait until it has ended; return whether it was there to be dismissed, or not up yet."""
         return self._await_end() == 0 or not self.ready
 
     def kill(self) -> None:
@@ -186,13 +186,13 @@ class Watchdog:
         self._replaced = 0
         self._processes: list[_Process] = []
         self._start()
+        lease.update(watchdog_pid=self._processes[0].pid)
 
     def _start(self, spare: bool = False) -> None:
         """Start one more, behind those that are there."""
         first = self._processes[0].pid if self._processes else None
         order = self._order | {"armed": self._watched, "first": first}
         self._processes.append(_Process(json.dumps(order).encode() + b"\n", self._lease, spare))
-        self._lease.update(watchdog_pid=self._processes[0].pid)
 
     def arm(self) -> None:
         """Wait until the watchdog is ready, and begin to be watched; BenchError if it does not come up.
@@ -240,7 +240,7 @@ class Watchdog:
             else:
                 if process.untold:
                     process.untold = False
-                    self._tell(Alarm("watchdog", "a new one guards the bench", "watchdog_back"))
+                    self._tell(Alarm("watchdog", "a new one stands by", "watchdog_back"))
                 process.beat(now_s)
 
     def _replace(self, lost: _Process, silent_s: float | None) -> None:
@@ -252,7 +252,7 @@ class Watchdog:
         self._processes.remove(lost)
         guarded = any(process.ready for process in self._processes)
         after = "the other one guards the bench" if guarded else "nobody stops the bench if this process dies"
-        self._tell(Alarm("watchdog", f"{what}: {after}", "watchdog_lost", facts))
+        self._tell(Alarm("watchdog", f"{what}; {after}", "watchdog_lost", facts))
         came_late = not (lost.ready or lost.ended)
         lost.kill()
         if self._replaced < _MOST_REPLACED and (guarded or not came_late):

@@ -88,9 +88,7 @@ def main() -> int:
     runner, first = Other.of(order.runner), None if order.first is None else Other.of(order.first)
     hung_s = HUNG_S if first is None else HUNG_S + SPARE_S
     source, read, write = _runner_pipes()
-    with suppress(
-        ConnectionError
-    ):  # dismissed while it came up, or the runner has ended: both are read below
+    with suppress(ConnectionError):  # dismissed as it came up, or the runner has ended: both are read below
         write(READY + b"\n")
     armed, unread = order.armed, b""
     up_s = host_seconds()

@@ -11,6 +11,9 @@ from bench.present.cli._options import DiagnosedRuns, Json, NominalModel, OwnEff
 if TYPE_CHECKING:
     from bench.analysis.gap import BatchEffect
 
+_DIFFERENT = 0.01
+"""Probability of so large a scatter between units below which a value is called different."""
+
 
 def batch(
     runs: DiagnosedRuns, model: NominalModel, as_json: Json = False, effects: OwnEffects = None
@@ -45,9 +48,6 @@ def batch(
             console.say(f"  {name}: {alike} (chi squared: {100 * probability:.2g} %)")
     if not found.effects:
         console.say("no effect is seen in any unit")
-
-
-_DIFFERENT = 0.01
 
 
 def _whose(effect: BatchEffect) -> str:
