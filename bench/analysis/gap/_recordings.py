@@ -12,6 +12,7 @@ from bench.analysis.gap._diagnose import Recording
 from bench.analysis.gap._import import read_mapped_runs
 from bench.analysis.gap._position import PositionRun, is_platform_run, load_platform_run
 from bench.analysis.gap._run_folder import gyros_of, load_gap_runs
+from bench.record.recording import Run
 from drivers.base.errors import ConfigurationError
 
 
@@ -84,7 +85,7 @@ def read_batch(paths: Sequence[Path]) -> list[GapRun]:
         if path.suffix == ".toml":
             runs += read_mapped_runs(path)
         else:
-            runs += [run for gyro in gyros_of(path) for run in load_gap_runs(path, gyro)]
+            runs += [run for gyro in gyros_of(Run.open(path)) for run in load_gap_runs(path, gyro)]
     return runs
 
 

@@ -28,14 +28,13 @@ AXES = "xyz"
 CALIBRATION = "system-calibration"
 
 
-def gyros_of(folder: Path) -> list[str]:
+def gyros_of(run: Run) -> list[str]:
     """Return the names of a run's gyros in the order of the bench file; ConfigurationError for none."""
-    run = Run.open(folder)
     units = [unit for unit in run.manifest.units if run.manifest.device(unit).role == "gyro"]
     if not units:
         raise ConfigurationError(
             "the run has no gyro",
-            where=str(folder),
+            where=str(run.place),
             found=f"{run.manifest.procedure} of "
             + (", ".join(f"{n} ({each.role})" for n, each in run.manifest.devices.items()) or "no device"),
             expected="a run with a gyro: the gap is looked for in its rate",
@@ -51,7 +50,8 @@ def load_gap_runs(folder: Path, gyro: str | None = None) -> list[GapRun]:
     position (`equilibrium`, or a section's `reference`) and covers whole seconds. ConfigurationError names what a
     folder lacks.
     """
-    run, units = Run.open(folder), gyros_of(folder)
+    run = Run.open(folder)
+    units = gyros_of(run)
     name = gyro or units[0]
     if name not in units:
         raise ConfigurationError(

@@ -33,7 +33,7 @@ def batch(
         console.print_json(json.dumps(gap.batch_facts(found)))
         return
     for unit, diagnosis in found.units.items():
-        causes = ", ".join(cause.name for cause in diagnosis.causes)
+        causes = ", ".join(" or ".join(cause.one_of or (cause.name,)) for cause in diagnosis.causes)
         console.say(f"unit {unit}: {diagnosis.verdict}{causes and ': '}{causes}")
     for effect in found.effects:
         console.say(_whose(effect), style="bold")
