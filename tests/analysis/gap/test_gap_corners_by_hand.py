@@ -257,7 +257,7 @@ def folder_of(monkeypatch, **facts):
         | facts,
         device=lambda unit: SimpleNamespace(role="gyro" if unit.startswith("fog") else "platform"),
     )
-    run = SimpleNamespace(manifest=manifest, events=[], phases=lambda: [], checksum="sum")
+    run = SimpleNamespace(manifest=manifest, place="run folder", events=[], phases=lambda: [], checksum="sum")
     monkeypatch.setattr(_run_folder.Run, "open", lambda folder: run)
     return run
 
@@ -266,7 +266,7 @@ def test_a_run_without_its_gyro_or_its_phases_is_refused(monkeypatch):
     folder_of(monkeypatch, devices={"imu": SimpleNamespace(role="platform")})
     with pytest.raises(ConfigurationError, match="the run has no gyro") as refused:
         load_gap_runs(Path("f"))
-    assert refused.value.found == "standard-test of imu (platform)"
+    assert (refused.value.where, refused.value.found) == ("run folder", "standard-test of imu (platform)")
     folder_of(monkeypatch)
     with pytest.raises(ConfigurationError) as refused:
         load_gap_runs(Path("f"))
