@@ -32,6 +32,9 @@ def report(
         Path | None,
         Option(help="write a DCC (PTB's XML) too: TOML file with number, laboratory, customer, person"),
     ] = None,
+    atml: Annotated[
+        bool, Option("--atml", help="write ATML test results (IEEE 1636.1) too, beside the certificate")
+    ] = False,
     pdf: Annotated[bool, Option("--pdf", help="print a PDF too (needs Chromium or Chrome)")] = False,
     as_json: Json = False,
 ) -> None:
@@ -52,8 +55,8 @@ def report(
     judged = load_limits(limits) if limits else None
     of_campaign = len(run) == 1 and (run[0] / reports.CAMPAIGN_FILE).exists()
     facts = reports.load_laboratory(dcc) if dcc else None
-    verdict, xml = "", None
-    if len(run) == 1 and not of_campaign and judged is None and facts is None:
+    verdict, written = "", dict[str, Path]()
+    if len(run) == 1 and not of_campaign and judged is None and facts is None and not atml:
         path = reports.report_run(run[0], out)
     else:
         path = out or (run[0] if of_campaign else run[0].parent) / reports.CERTIFICATE_FILE
@@ -65,18 +68,18 @@ def report(
         say_certificate(console, certificate)
         verdict = certificate.verdict
         if facts is not None:
-            xml = reports.write_dcc(path.with_suffix(".xml"), certificate, facts)
-            console.say(f"{xml}", soft_wrap=True)
+            written["dcc"] = reports.write_dcc(path.with_suffix(".xml"), certificate, facts)
+        if atml:
+            written["atml"] = reports.write_atml(path.with_suffix(".atml.xml"), certificate)
         units = _unit_facts(certificate)
-    console.say(f"{path}", soft_wrap=True)
-    printed = reports.write_pdf(path) if pdf else None
-    if printed is not None:
-        console.say(f"{printed}", soft_wrap=True)
+    if pdf:
+        written["pdf"] = reports.write_pdf(path)
+    made = [path, *written.values()]
+    console.say_all(made, soft_wrap=True)
     if verdict and (key := bench_key()) is not None:
-        console.say_all(
-            (sign_file(made, key) for made in (path, printed, xml) if made is not None), soft_wrap=True
-        )
-    console.say_json("result", file=path, pdf=printed, dcc=xml, verdict=verdict or None, units=units)
+        console.say_all((sign_file(each, key) for each in made), soft_wrap=True)
+    forms = {form: written.get(form) for form in ("pdf", "dcc", "atml")}
+    console.say_json("result", file=path, **forms, verdict=verdict or None, units=units)
     sys.exit(NOT_PASSED if verdict == "not passed" else 0)
 
 

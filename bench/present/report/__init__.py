@@ -1,5 +1,6 @@
 """Reports: a file each with a function that makes a `Page` of a result; `write_report` makes HTML of any page."""
 
+from bench.present.report._atml import write_atml
 from bench.present.report._calibration import CalibrationContent, calibration_page
 from bench.present.report._campaign import write_study
 from bench.present.report._certificate import CertificateContent
@@ -49,6 +50,7 @@ __all__ = [
     "standard_test_page",
     "stepwise_page",
     "whirl_page",
+    "write_atml",
     "write_dcc",
     "write_pdf",
     "write_report",

@@ -10,9 +10,10 @@ from xml.etree import ElementTree as ET
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from bench.present.report._certificate import CertificateContent, CertifiedFigure, UnitCertificate
+from bench.present.report._xml import add, device_of, write_xml
 from bench.record.benchfile import Calibration, calibrations_of
 from drivers.base.errors import ConfigurationError
-from drivers.base.files import read_settings, replace_file
+from drivers.base.files import read_settings
 
 SCHEMA_VERSION = "3.1.2"
 _DCC, _SI = "https://ptb.de/dcc", "https://ptb.de/si"
@@ -78,12 +79,7 @@ def load_laboratory(path: Path) -> Laboratory:
 
 def write_dcc(path: Path, content: CertificateContent, facts: Laboratory) -> Path:
     """Write the certificate as XML and return its path."""
-    for prefix, uri in (("dcc", _DCC), ("si", _SI)):
-        ET.register_namespace(prefix, uri)
-    root = dcc(content, facts)
-    ET.indent(root)
-    replace_file(path, ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n")
-    return path
+    return write_xml(path, dcc(content, facts), {"dcc": _DCC, "si": _SI})
 
 
 def dcc(content: CertificateContent, facts: Laboratory) -> ET.Element:
@@ -105,9 +101,7 @@ def dcc(content: CertificateContent, facts: Laboratory) -> ET.Element:
 
 
 def _add(parent: ET.Element, name: str, text: str | None = None, space: str = _DCC) -> ET.Element:
-    element = ET.SubElement(parent, f"{{{space}}}{name}")
-    element.text = text
-    return element
+    return add(parent, space, name, text)
 
 
 def _text(parent: ET.Element, name: str, text: str) -> None:
@@ -150,11 +144,7 @@ def _administration(
     _add(core, "performanceLocation", "laboratory")
     items = _add(parent, "items")
     for unit in units:
-        device = next(
-            (entry for manifest in manifests for name, entry in manifest.devices.items()
-             if manifest.units.get(name) == unit.unit_id),
-            None,
-        )  # fmt: skip
+        device = device_of(content, unit.unit_id)
         item = _add(items, "item")
         _text(item, "name", f"gyro {unit.unit_id}")
         _text(_add(item, "manufacturer"), "name", (device.maker if device else "") or "unknown")

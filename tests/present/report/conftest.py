@@ -15,9 +15,11 @@ from bench.analysis.thermal import Scores, Study, ThermalRun
 from bench.analysis.thermal._selection import ModelScore
 from bench.present.report import render_page
 from bench.present.report._campaign import campaign_page
+from bench.present.report._certificate import CertificateContent, CertifiedFigure, UnitCertificate
 from bench.present.report._page import Page
 from bench.present.report._plots import Comparison
 from bench.present.report._run_content import RunContent, Trace
+from bench.record.figure_limits import Decision
 from bench.record.recording import Manifest
 
 FLOOR_DPH = 0.0241
@@ -281,3 +283,31 @@ def single_run() -> Callable[..., RunContent]:
         return replace(run_of("bias-01", "", outcome, rate), traces=(trace_of("bias-01"),))
 
     return make
+
+
+@pytest.fixture
+def small_certificate() -> CertificateContent:
+    """A unit whose figures pass, leave it open, are not judged and were not measured."""
+    rule = Decision(rule="guard band")
+    figures = [
+        CertifiedFigure("bias", "deg/h", {"r": 0.5}, -1.0, 1.0, {"r": (0.4, 0.6)}, decision=rule,
+                        standard_uncertainties={"r": 0.05}),
+        CertifiedFigure("scale-factor nonlinearity", "ppm", {"r": 12.0}, None, 13.0, {"r": (11.0, 14.0)},
+                        decision=rule, standard_uncertainties={"r": 0.8}),
+        CertifiedFigure("my-test.angle", "furlong", {"r": 3e-9}),
+        CertifiedFigure("threshold", "deg/h", {}, None, 1.0),
+    ]  # fmt: skip
+    bench = {
+        "bench": {"name": "b"},
+        "calibration": [
+            {"quantity": "time_base_ppm", "instrument": "clock 7", "certificate": "K-7", "date": "2026-01-01",
+             "due": "2027-01-01", "uncertainty": 0.5}
+        ],
+    }  # fmt: skip
+    manifest = Manifest(
+        run_id="r", procedure="standard-test", outcome="completed", started_utc="2026-03-01T23:00:00.000+00:00",
+        ended_utc="2026-03-02T01:00:00.000+00:00", bench=bench, units={"g": "U-1"},
+        devices={"g": {"kind": "k", "role": "gyro", "maker": "M", "model": "FOG 3"}},
+    )  # fmt: skip
+    runs = [RunContent(manifest)]
+    return CertificateContent("Test of U-1", "", [UnitCertificate("U-1", figures)], runs, decision=rule)

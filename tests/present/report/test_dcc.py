@@ -9,10 +9,7 @@ import pytest
 from lxml import etree
 
 from bench.present.report import load_laboratory, write_dcc
-from bench.present.report._certificate import CertificateContent, CertifiedFigure, UnitCertificate
-from bench.present.report._run_content import RunContent
-from bench.record.figure_limits import Decision
-from bench.record.recording import Manifest
+from bench.present.report._certificate import CertificateContent
 from drivers.base.errors import ConfigurationError
 
 NAMES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
@@ -36,36 +33,10 @@ name = "B. Operator"
 """
 
 
-def certificate() -> CertificateContent:
-    rule = Decision(rule="guard band")
-    figures = [
-        CertifiedFigure("bias", "deg/h", {"r": 0.5}, -1.0, 1.0, {"r": (0.4, 0.6)}, decision=rule,
-                        standard_uncertainties={"r": 0.05}),
-        CertifiedFigure("scale-factor nonlinearity", "ppm", {"r": 12.0}, None, 13.0, {"r": (11.0, 14.0)},
-                        decision=rule, standard_uncertainties={"r": 0.8}),
-        CertifiedFigure("my-test.angle", "furlong", {"r": 3e-9}),
-        CertifiedFigure("threshold", "deg/h", {}, None, 1.0),
-    ]  # fmt: skip
-    bench = {
-        "bench": {"name": "b"},
-        "calibration": [
-            {"quantity": "time_base_ppm", "instrument": "clock 7", "certificate": "K-7", "date": "2026-01-01",
-             "due": "2027-01-01", "uncertainty": 0.5}
-        ],
-    }  # fmt: skip
-    manifest = Manifest(
-        run_id="r", procedure="standard-test", outcome="completed", started_utc="2026-03-01T23:00:00.000+00:00",
-        ended_utc="2026-03-02T01:00:00.000+00:00", bench=bench, units={"g": "U-1"},
-        devices={"g": {"kind": "k", "role": "gyro", "maker": "M", "model": "FOG 3"}},
-    )  # fmt: skip
-    runs = [RunContent(manifest)]
-    return CertificateContent("Test of U-1", "", [UnitCertificate("U-1", figures)], runs, decision=rule)
-
-
 @pytest.fixture
-def tree(tmp_path: Path) -> etree._ElementTree:
+def tree(tmp_path: Path, small_certificate: CertificateContent) -> etree._ElementTree:
     (tmp_path / "lab.toml").write_text(FACTS)
-    path = write_dcc(tmp_path / "c.xml", certificate(), load_laboratory(tmp_path / "lab.toml"))
+    path = write_dcc(tmp_path / "c.xml", small_certificate, load_laboratory(tmp_path / "lab.toml"))
     return etree.parse(path)
 
 
