@@ -12,13 +12,14 @@ from benchmarks.gap_exam._floated import FLOATED
 from benchmarks.gap_exam._hemispherical import HEMISPHERICAL
 from benchmarks.gap_exam._make import Plan, kinds_of, make_case, plan, prepare_folder
 from benchmarks.gap_exam._mems import MEMS
+from benchmarks.gap_exam._nuclear import NUCLEAR
 from benchmarks.gap_exam._ring_laser import RING_LASER
 from benchmarks.gap_exam._strapdown import STRAPDOWN
 from benchmarks.gap_exam._tuned_rotor import TUNED_ROTOR
 
 FAMILIES = {
     family.name: family
-    for family in (RING_LASER, MEMS, TUNED_ROTOR, HEMISPHERICAL, STRAPDOWN, FLOATED, EXAM_PLANT)
+    for family in (RING_LASER, MEMS, TUNED_ROTOR, HEMISPHERICAL, STRAPDOWN, FLOATED, NUCLEAR, EXAM_PLANT)
 }
 
 
