@@ -25,6 +25,8 @@ _MANY = 1e-5
 """Probability of as many by chance from which they are impulses."""
 _STEADY_DPS = 0.02
 _NEAR = 41
+_STAYS = 0.5
+"""Part of an impulse's angle that must stay, in the median."""
 _LEAST_NUMBER = 2
 """One sample off its neighbours, in hours, shows no process."""
 _BY_CHANCE = 0.01
@@ -38,24 +40,27 @@ def _find(records: Sequence[Record]) -> Finding | None:
     from scipy.stats import poisson  # here: a lab starts without scipy (decision 0021)
 
     found = [_impulses(record, _OUTLIER) for record in records]
-    number = sum(len(angles_arcsec) for _, angles_arcsec in found)
+    number = sum(len(angles_arcsec) for _, angles_arcsec, _ in found)
     chance = 2.0 * _HEAVIER * _CHANCE * sum(len(record.stimulus) for record in records)
     if poisson.sf(number - 1, chance) > _MANY:
         found = [_impulses(record, _FAR) for record in records]
     outputs: list[Array] = []
     sizes: list[float] = []
     places_s: list[Array] = []
-    hours = 0.0
-    for record, (at, angle_arcsec) in zip(records, found, strict=True):
+    hours, stays = 0.0, list[float]()
+    for record, (at, angle_arcsec, left_over) in zip(records, found, strict=True):
         places_s.append(np.asarray(at * record.stimulus.period_s, np.float64))
         hours += len(record.stimulus) * record.stimulus.period_s / 3600.0
         sizes += angle_arcsec
+        stays += left_over
         output = record.output_dph
         if len(at):
             output = output.copy()
             output[at] = np.nan
         outputs.append(output)
-    if len(sizes) < _LEAST_NUMBER or _come_again(records, places_s) or _with_turns(records, places_s):
+    if len(sizes) < _LEAST_NUMBER or float(np.median(stays)) < _STAYS:
+        return None
+    if _come_again(records, places_s) or _with_turns(records, places_s):
         return None
     rate, size = len(sizes) / hours, float(np.sqrt(np.mean(np.square(sizes))))
     root = math.sqrt(len(sizes))
@@ -103,16 +108,16 @@ def _come_again(records: Sequence[Record], places_s: Sequence[Array]) -> bool:
     return again > chance + max(0.5 * number, 3.0)
 
 
-def _impulses(record: Record, off: float) -> tuple[NDArray[np.int64], list[float]]:
-    """Return the samples that hold impulses, and the angle of each impulse in arcsec (deg/h times s).
+def _impulses(record: Record, off: float) -> tuple[NDArray[np.int64], list[float], list[float]]:
+    """Return the samples that hold impulses, the angle of each in arcsec (deg/h times s), and what of it stays.
 
     One or two samples that are `off` the mean of their neighbours by so many standard deviations, where the table
-    turns steadily.
+    turns steadily. What stays is the part that the samples next to them do not take back.
     """
     rest = record.output_dph - record.stimulus.input_rate_dph
     n = len(rest)
     if n < 8:
-        return np.zeros(0, dtype=np.int64), []
+        return np.zeros(0, dtype=np.int64), [], []
     rate = record.stimulus.table_rate_dps
     level = record.stimulus.elevation_deg
     # two samples on either side with the table's rate the same
@@ -126,6 +131,7 @@ def _impulses(record: Record, off: float) -> tuple[NDArray[np.int64], list[float
     two = 0.5 * (rest + np.roll(rest, -1)) - 0.5 * (np.roll(rest, 1) + np.roll(rest, -2))
     marks: list[int] = []
     taken: list[float] = []
+    stays: list[float] = []
     left = np.abs(np.stack([_scaled(one, still), _scaled(two, still)]))
     while True:
         kind, k = np.unravel_index(int(np.nanargmax(left)), left.shape)
@@ -135,8 +141,24 @@ def _impulses(record: Record, off: float) -> tuple[NDArray[np.int64], list[float
         size = float(one[k]) if kind == 0 else 2.0 * float(two[k])
         taken.append(size * record.stimulus.period_s)
         marks += own
+        stays.append(_stays(rest, own))
         left[:, max(own[0] - 3, 0) : own[-1] + 4] = 0.0
-    return np.array(sorted(marks), dtype=np.int64), taken
+    return np.array(sorted(marks), dtype=np.int64), taken, stays
+
+
+def _stays(rest: Array, own: Sequence[int]) -> float:
+    """Return the part of the angle of samples off their neighbours that the sample on either side leaves.
+
+    1 of a shock or a lost count; -1 where an angle is read wrong once, as coarse steps do: it comes back.
+    """
+    first, last = own[0], own[-1]
+    about = np.concatenate(
+        (rest[max(first - _NEAR // 2, 0) : first - 1], rest[last + 2 : last + 1 + _NEAR // 2])
+    )
+    about = about[np.isfinite(about)]
+    centre = float(np.median(about)) if len(about) else 0.0
+    angle = float(np.sum(rest[first : last + 1] - centre))
+    return float(np.nansum(rest[first - 1 : last + 2] - centre)) / angle if angle else 0.0
 
 
 def _scaled(values: Array, still: NDArray[np.bool_]) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 from bench.analysis.gap._findings import Cause, rivals_of
 from bench.analysis.gap._fit import Solution, beside_nominal, weighted_gram
 from bench.analysis.gap._generic import absorbed
+from bench.analysis.gap._judged import same_driver
 from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._unknown import CREDIBLE, PREVALENT, credibility, prevalence
 from bench.analysis.gap._which import Found, set_weights
@@ -44,6 +45,7 @@ def causes_of(
     unknown = sum(both[1] for both in weights.values())
     curves = [variants[each].effect for each in best.members if posterior.candidates[each].curve]
     named: list[Cause[Term]] = []
+    does: dict[str, float] = {}
     doubtful: list[Cause[Term]] = []
     for member in sorted(best.members):
         candidate = posterior.candidates[member]
@@ -73,6 +75,7 @@ def causes_of(
             set_probability=(1.0 - _MIMICRY) * _of_any(weights, set(one_of)),
         )
         acting = beside_nominal(gram, model.sigmas, best.solution, own)
+        does[candidate.effect] = _energy(acting, gram)
         common = prevalence(found.data.cells, found.before, acting, best.rest)
         doubt = unknown > 0.5 and (trust < CREDIBLE or common < PREVALENT or place < _SURE)
         doubt |= not _nameable(one_of, weights)
@@ -82,13 +85,54 @@ def causes_of(
             doubtful.append(replace(stated, term=alone))
         else:
             named.append(stated)
-    return tuple(named), tuple(doubtful)
+    return _mechanisms(named, weights, does), tuple(doubtful)
+
+
+def _energy(solution: Solution, gram: Array) -> float:
+    """Return the weighted energy of what a solution's columns do."""
+    return float(solution.values @ gram[np.ix_(solution.indices, solution.indices)] @ solution.values)
+
+
+def _mechanisms(
+    causes: Sequence[Cause[Term]],
+    weights: Mapping[frozenset[str], tuple[float, float]],
+    does: Mapping[str, float],
+) -> tuple[Cause[Term], ...]:
+    """Return causes with those of one driver as one, the strongest, which has the others' terms as its form.
+
+    `does` is the energy that each takes away: the named one's probability is the part that it has of it. Two
+    effects that both follow the rate of temperature change, or both are even in the rate, draw together what
+    neither formula has alone: one mechanism of another form is likelier than two.
+    """
+    made: list[Cause[Term]] = []
+    for cause in sorted(causes, key=lambda each: -does[each.name]):
+        for place, main in enumerate(made):
+            one_of = tuple(dict.fromkeys((*main.one_of, *cause.one_of)))
+            effects = [each.term.variant.effect for each in (main, cause)]
+            if len(one_of) <= _MOST_ALIKE and same_driver(*effects):
+                form = (*main.form, cause.term)
+                part = does[main.name] / sum(does[term.name] for term in (main.term, *form))
+                one_acts = (1.0 - _MIMICRY) * _of_any(weights, set(one_of))
+                made[place] = replace(
+                    main,
+                    probability=min(main.probability, part * one_acts),
+                    one_of=one_of,
+                    set_probability=one_acts,
+                    alternatives={**cause.alternatives, **main.alternatives},
+                    rivals={**cause.rivals, **main.rivals},
+                    form=form,
+                )
+                break
+        else:
+            made.append(cause)
+    order = [cause.name for cause in causes]
+    return tuple(sorted(made, key=lambda cause: order.index(cause.name)))
 
 
 def models_with_and_without(
-    found: Found, variants: Sequence[Variant], model: Model, names: Sequence[str], among: Set[str]
+    found: Found, variants: Sequence[Variant], model: Model, gone: Sequence[Set[str]], among: Set[str]
 ) -> list[Model]:
-    """Return the nominal model with those of the best set that are `among`, then without each of `names`.
+    """Return the nominal model with those of the best set that are `among`, then without each lot of `gone` ones.
 
     Effects and curves have the values of the best set, the nominal parameters are fitted again beside each.
     """
@@ -99,8 +143,8 @@ def models_with_and_without(
         if posterior.candidates[member].effect in among
     }
     models = []
-    for gone in ("", *names):
-        kept = {name: term for name, term in terms.items() if name != gone}
+    for names in (frozenset[str](), *gone):
+        kept = {name: term for name, term in terms.items() if name not in names}
         moved = model.moved(nominal_beside(found, model, kept.keys()), model.sigmas)
         models.append(replace(moved, terms=(*moved.terms, *kept.values()), noise=found.data.noise.noise))
     return models

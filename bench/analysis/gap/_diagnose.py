@@ -133,7 +133,7 @@ def closed_model(found: Diagnosis, *, resembling: bool = False) -> Model:
     model = found.model
     if any(isinstance(finding, RateFinding) for finding in found.findings):
         model = replace(model, terms=found.rate.nominal.terms)
-    alike = [cause.term for cause in found.rate.resembles] if resembling else []
+    alike = [term for cause in found.rate.resembles for term in cause.terms] if resembling else []
     fitted = [*(term for finding in found.findings for term in finding.terms), *alike]
     channels = {term.name: term for term in fitted if isinstance(term, ChannelTerm)}
     return replace(

@@ -131,6 +131,9 @@ def _rate_cause(cause: Cause[Term]) -> dict[str, Any]:
         "alternatives": dict(cause.alternatives),
         **_fitted(cause.term),
         "shape": dict(cause.term.variant.shape),
+        "form": [
+            {"name": term.name, **_fitted(term), "shape": dict(term.variant.shape)} for term in cause.form
+        ],
         "explained_where_it_acts": cause.credibility,
     }
 

@@ -50,6 +50,7 @@ class Cause(Generic[TermT]):
     `credibility` is the part of the gap explained where it acts (the rate's causes only). `nominal` are the
     values that the effect has without being a cause (a channel's only). `one_of` are the effects that these runs
     cannot tell apart, the named one first, and `set_probability` that one of them acts (the rate's causes only).
+    `form` are effects of the same driver fitted beside it: one mechanism of a form that no formula has alone.
     """
 
     name: str
@@ -62,6 +63,17 @@ class Cause(Generic[TermT]):
     nominal: tuple[float, ...] = ()
     one_of: tuple[str, ...] = ()
     set_probability: float = math.nan
+    form: tuple[TermT, ...] = ()
+
+    @property
+    def terms(self) -> tuple[TermT, ...]:
+        """What a closed model needs of it, the named effect first; none for one without values."""
+        return () if self.term is None else (self.term, *self.form)
+
+    @property
+    def effects(self) -> frozenset[str]:
+        """Names of the effects that are fitted for it."""
+        return frozenset({self.name, *(term.name for term in self.form if term is not None)})
 
 
 @dataclass(frozen=True)
@@ -127,7 +139,7 @@ class Finding(Generic[TermT]):
     @property
     def closing(self) -> tuple[str, ...]:
         """Names of the effects that a closed model has and the nominal one has not."""
-        return tuple(cause.name for cause in self.causes if cause.term is not None)
+        return tuple(term.name for cause in self.causes for term in cause.terms if term is not None)
 
 
 def rivals_of(name: str, names: frozenset[str], weights: Mapping[frozenset[str], float]) -> dict[str, float]:

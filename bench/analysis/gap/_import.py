@@ -116,7 +116,7 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
         _phases(entry, ends_s - steps.period_s + 1.0),
         _checksum(file),
         float(held.mean()),
-        3600.0 * steps.usual_s * _finest_step(rows),
+        3600.0 * _finest_angle_deg(rows, log.time_s, steps.usual_s),
         simulated,
         _even_rows(steps, rows),
         steps.usual_s,
@@ -139,9 +139,24 @@ def _even_rows(steps: Steps, rows: Array) -> Array | None:
     return even
 
 
-def _finest_step(rows: Array) -> float:
-    """Return the finest step that values of a log (m,) show again and again; NaN for one that never changes."""
-    apart = np.diff(np.unique(rows[np.isfinite(rows)][:_FINEST_OF]))
+def _finest_angle_deg(rows: Array, time_s: Array, usual_s: float) -> float:
+    """Return the finest step of angle, deg, between rows of a log (m,), deg/s; NaN for one that never changes.
+
+    A counter's whole pulses over rows of uneven length are no steps of rate: rows times their length are looked
+    at, too.
+    """
+    lengths_s = np.diff(time_s)
+    # a row after one that is missing is not as long as the time since the one before
+    angles = np.where(lengths_s < 1.5 * usual_s, rows[1:] * lengths_s, np.nan)
+    return float(np.fmax(usual_s * _finest_step(rows), _finest_step(angles)))
+
+
+def _finest_step(values: Array) -> float:
+    """Return the finest step that values (m,) show again and again; NaN for ones that never change."""
+    known = values[np.isfinite(values)][:_FINEST_OF]
+    apart, changes = np.diff(np.unique(known)), np.abs(np.diff(known))
+    # steps that only the rounding of a product or a text makes
+    apart = apart[apart > _FUZZ * float(np.median(changes[changes > 0.0]))] if changes.any() else apart[:0]
     return float(np.quantile(apart, _FINEST_PART)) if len(apart) else np.nan
 
 

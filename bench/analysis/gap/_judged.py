@@ -243,6 +243,18 @@ def told_by_form(
     return result
 
 
+def same_driver(one: Effect, other: Effect) -> bool:
+    """Return whether two effects follow the very same: one mechanism of another form may need both formulas.
+
+    Of rates, even functions are of one kind, and odd ones. The orders of a table's turn are kinds of their own.
+    """
+    if Input.TURN in one.inputs | other.inputs:
+        return False
+    if one.parity is not None and one.parity == other.parity:
+        return True
+    return one.unit == other.unit and one.inputs == other.inputs and bool(one.inputs & _TEMPERATURES)
+
+
 def _missed(one: Effect, other: Effect) -> float:
     """Return the part of an effect's amplitude that another, added alike, may correct in its formula; 0 for none.
 

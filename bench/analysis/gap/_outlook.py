@@ -220,7 +220,7 @@ def _named(finding: RateFinding | None) -> list[Explanation]:
     if finding is None:
         return [Explanation(frozenset(), 1.0)]
     terms = {name: term for cause in finding.causes for name, term in cause.rivals.items()}
-    terms |= {cause.name: cause.term for cause in (*finding.resembles, *finding.causes)}
+    terms |= {term.name: term for cause in (*finding.resembles, *finding.causes) for term in cause.terms}
     unknown = finding.unknown_probability if finding.unknown_probability > _DOUBTED else 0.0
     found = [
         Explanation(label, probability * (1.0 - unknown), tuple(terms[name] for name in sorted(label)))
@@ -231,6 +231,6 @@ def _named(finding: RateFinding | None) -> list[Explanation]:
         label = frozenset({UNKNOWN, *(cause.name for cause in finding.causes)})
         curves = [part.term for part in finding.unknown_parts if part.term is not None]
         learned = finding.learned.terms if finding.learned and not curves else ()
-        parts = (*(cause.term for cause in finding.causes), *curves, *learned)
+        parts = (*(term for cause in finding.causes for term in cause.terms), *curves, *learned)
         found.append(Explanation(label, unknown, parts))
     return found or [Explanation(frozenset(), 1.0)]

@@ -149,7 +149,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         nominal = left_of_runs(ready, nominal_solution(ready.cells, data.model.sigmas))
         model = _corrected(data.model, best.solution, ready.noise.noise)
         model = _beside(model, found, data.model, causes)
-        named = [cause.term for cause in causes]
+        named = [term for cause in causes for term in cause.terms]
         finding = RateFinding(
             signal="rate",
             unit="deg/h",
@@ -184,7 +184,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         )
         if unknown > 0.5:
             # fitted beside a curve that is not in the closed model, a cause may widen the gap by itself
-            named_alone = {cause.name for cause in causes}
+            named_alone = _effects_of(causes)
             parts = self._holding(finding, data, sets, runs, named_alone)
             finding = _doubted(finding, parts, "where what is unknown stays")
         if differs >= _DIFFERS:
@@ -194,7 +194,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
             finding = _doubted(finding, least, "in every repeat")
         if unnamed < 0.5:
             return finding
-        closing = learned(ready, data.model, [cause.term for cause in finding.causes])
+        closing = learned(ready, data.model, [term for cause in finding.causes for term in cause.terms])
         return replace(finding, learned=closing, terms=(*finding.terms, *closing.terms))
 
     def judged(
@@ -223,7 +223,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         """
         if not finding.causes:
             return []
-        names = [cause.name for cause in finding.causes]
+        names = [cause.effects for cause in finding.causes]
         among = sets[0].best.names if among is None else among
         whole, *without = models_with_and_without(*sets, data.model, names, among)
         return holding(whole, without, runs, finding.floor)
@@ -231,7 +231,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
 
 def _beside(corrected: Model, found: Found, model: Model, causes: Sequence[Cause[Term]]) -> Model:
     """Return a corrected nominal model with the values that fit beside the causes, and nothing else."""
-    values = nominal_beside(found, model, {cause.name for cause in causes})
+    values = nominal_beside(found, model, _effects_of(causes))
     terms = model.moved(values, model.sigmas).terms
     return replace(
         corrected,
@@ -244,6 +244,11 @@ def _closed(finding: RateFinding, used: Sequence[GapRun]) -> Model:
     fitted = tuple(term for term in finding.terms if isinstance(term, Term))
     checksums = {run.run_id: run.checksum for run in used}
     return replace(finding.nominal, terms=finding.nominal.terms + fitted, fitted_on=checksums)
+
+
+def _effects_of(causes: Sequence[Cause[Term]]) -> Set[str]:
+    """Return the names of all effects that are fitted for some causes."""
+    return frozenset().union(*(cause.effects for cause in causes))
 
 
 def _by_repeat(groups: Sequence[Group]) -> list[list[GapRun]]:
@@ -262,11 +267,12 @@ def _doubted(finding: RateFinding, parts: Sequence[float], where: str) -> RateFi
         return finding
     gone = [cause for cause in finding.causes if cause not in kept]
     names = ", ".join(cause.name for cause in gone)
+    terms = [term for cause in gone for term in cause.terms]
     return replace(
         finding,
         causes=kept,
         resembles=(*finding.resembles, *gone),
-        terms=tuple(term for term in finding.terms if all(term is not cause.term for cause in gone)),
+        terms=tuple(term for term in finding.terms if all(term is not other for other in terms)),
         warnings=(*finding.warnings, f"not named, less than half of it is there {where}: {names}"),
         verdict="explained in part" if kept else "unknown",
         unknown_probability=max(finding.unknown_probability, max(cause.probability for cause in gone)),

@@ -157,8 +157,7 @@ def _causes(found: RateFinding) -> list[Block]:
 
 
 def _cause_row(cause: Cause[Term], coarseness: float, status: str) -> Row:
-    fitted = cause.term.fitted(coarseness, "±")
-    shape = ", ".join(f"{key} = {value:g}" for key, value in cause.term.variant.shape.items())
+    fitted = "; with ".join(_fitted(term, coarseness) for term in cause.terms)
     rivals = _rivals(cause)
     if len(cause.one_of) > 1:
         status += f", or one of its alternatives: {100 * cause.set_probability:.0f} %"
@@ -170,10 +169,16 @@ def _cause_row(cause: Cause[Term], coarseness: float, status: str) -> Row:
         plain_name(cause.name),
         f"{100 * cause.probability:.0f}",
         status,
-        f"{fitted}; {shape}" if shape else fitted,
+        fitted,
         rivals or "nothing",
     )
     return replace(row, emphasis=status == "named", note=note)
+
+
+def _fitted(term: Term, coarseness: float) -> str:
+    shape = ", ".join(f"{key} = {value:g}" for key, value in term.variant.shape.items())
+    fitted = term.fitted(coarseness, "±")
+    return f"{fitted}; {shape}" if shape else fitted
 
 
 def _unknown(found: RateFinding) -> list[Block]:

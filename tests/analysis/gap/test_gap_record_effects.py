@@ -227,6 +227,24 @@ def test_small_impulses_are_told_where_chance_has_none_so_many_and_a_few_are_not
     assert named(8) and not named(2)
 
 
+def test_angles_read_in_coarse_steps_are_no_impulses_and_lost_counts_are(nominal: Model) -> None:
+    """An angle that is read wrong by a step comes back with the next sample; a count that is lost does not."""
+
+    def named(comes_back: bool) -> bool:
+        rng = np.random.default_rng(31)
+        runs = []
+        for name in "abcdefgh":
+            run = made_run(name, stimulus(5000, cold=False), rng)
+            step = 12.0 * float(np.std(np.diff(run.output_dph)))
+            kicks = np.zeros(5000)
+            for at in rng.integers(100, 4900, 6).tolist():
+                kicks[at : at + 2] += (step, -step) if comes_back else (0.5 * step, 0.5 * step)
+            runs.append(replace(run, output_dph=run.output_dph + kicks))
+        return "impulses" in without_disturbances(runs, nominal).probabilities
+
+    assert named(comes_back=False) and not named(comes_back=True)
+
+
 def test_noise_with_somewhat_heavier_tails_has_no_impulses(nominal: Model) -> None:
     """Student's t with 12 degrees of freedom: some hundred times as often beyond five standard deviations."""
     rng = np.random.default_rng(2)

@@ -16,7 +16,7 @@ from bench.analysis.gap._disturbed import Disturbed
 from bench.analysis.gap._evidence import Candidate, SetPosterior
 from bench.analysis.gap._findings import Cause, rivals_of
 from bench.analysis.gap._fit import Floor, solve
-from bench.analysis.gap._judged import Judged
+from bench.analysis.gap._judged import Judged, same_driver
 from bench.analysis.gap._learn import Learned
 from bench.analysis.gap._rate import (
     RateFinding,
@@ -130,6 +130,46 @@ def test_causes_have_values_and_probability_of_their_sets_and_rivals_fitted_in_t
     rival = shupe.rivals["bias_quadratic"]
     assert rival.values == pytest.approx((values[1],), rel=1e-6) and rival.variant == VARIANTS[0]
     assert _fitted(2, found.best.solution, found, VARIANTS, 1) == warm_up.term
+
+
+def test_effects_of_one_driver_are_one_cause_with_the_weaker_one_as_its_form():
+    """Columns of sizes 2 and 4 with values 1 and 3: the second does (4 * 3)^2 of (2 * 1)^2 + (4 * 3)^2."""
+    rng = np.random.default_rng(3)
+    basis = np.linalg.qr(rng.normal(size=(60, 3)))[0].T
+    nominal, weak, strong = 60.0 * basis[0], 2.0 * basis[1], 4.0 * basis[2]
+    rows = np.stack((20.0 * weak + 60.0 * strong, nominal, weak, strong))
+    variants = [effect(name).variants()[0] for name in ("cold_stress", "shupe_cross")]
+    candidates = (Candidate("cold_stress", 0, (1,), 1), Candidate("shupe_cross", 1, (2,), 1))
+    gram, names = rows @ rows.T, frozenset({"cold_stress", "shupe_cross"})
+    solution = solve(gram, MODEL.sigmas, [2, 3])
+    rest = Remainder(np.array([-9.0]), 0.0, np.array([0.0]), np.zeros(1))
+    judged = Judged(
+        names, frozenset({0, 1}), 0.0, solution, np.array([60.0]), rest, solution, solution, frozenset()
+    )
+    found = SimpleNamespace(
+        data=SimpleNamespace(cells=[cell(3, 60.0, block=gram)]), variance=np.ones(1), before=np.array([1e4]),
+        posterior=SetPosterior(candidates, {judged.members: 0.0}), judged=[judged], best=judged,
+    )  # fmt: skip
+    (one,), doubtful = causes_of(found, variants, MODEL)
+    assert not doubtful and one.name == "shupe_cross" and one.one_of == ("shupe_cross", "cold_stress")
+    assert [term.name for term in one.terms] == ["shupe_cross", "cold_stress"] and one.effects == names
+    assert [term.values[0] for term in one.terms] == pytest.approx([60.0, 20.0], rel=1e-6)
+    assert one.set_probability == pytest.approx(0.95)
+    assert one.probability == pytest.approx(0.95 * 240.0**2 / (240.0**2 + 40.0**2), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "same"),
+    [
+        ("cold_stress", "shupe_cross", True), ("bias_quadratic", "bias_cubic", True),
+        ("scale_factor_asymmetry", "vibration_rectification", True), ("thermal_lag", "relaxation", True),
+        ("saturation", "scale_factor_nonlinearity", True), ("shupe", "gradient", False),
+        ("table_wobble_once", "table_wobble_twice", False), ("dead_zone", "saturation", False),
+        ("bias_quadratic", "scale_factor_quadratic", False), ("azimuth_error", "table_tilt", False),
+    ],
+)  # fmt: skip
+def test_one_driver_is_the_same_input_or_the_same_parity_in_the_rate(one, other, same):
+    assert same_driver(effect(one), effect(other)) is same is same_driver(effect(other), effect(one))
 
 
 @pytest.mark.parametrize(

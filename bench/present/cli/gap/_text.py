@@ -18,8 +18,9 @@ def print_rate(console: Terminal, diagnosis: Diagnosis, following: Sequence[Sugg
     shrunk = next(iter(found.held_out), None)
     _print_verdict(console, diagnosis.unit_id, found.verdict)
     for cause in found.causes:
-        values = cause.term.fitted(found.model.noise.coarseness, "+-")
-        console.say(f"  {_said(cause)} {values}{_rivals(cause)}")
+        coarseness = found.model.noise.coarseness
+        form = "".join(f", with {term.name} {term.fitted(coarseness, '+-')}" for term in cause.form)
+        console.say(f"  {_said(cause)} {cause.term.fitted(coarseness, '+-')}{form}{_rivals(cause)}")
     for name, probability in found.stochastic.items():
         parts = [f"  {name} ({100 * probability:.0f} %)", found.size_of(name)]
         console.say(": ".join(filter(None, parts)))
