@@ -8,9 +8,9 @@ SOURCES has their repositories, none of which is kept here:
     git clone https://github.com/hipnuc/products SOURCES/products
     pip install --target SOURCES/minimalmodbus minimalmodbus==2.1.1
 
-Writes the table of docs/instruments.md between its marks. ChamberConnectLibrary is Python 2: a converted copy
-lies in a temporary folder while this runs. Bytes go from the client's own exchange to the emulator and back; an
-exchange takes 1 s of lab time.
+pymeasure comes with the extra `bench`. Writes the table of docs/instruments.md between its marks.
+ChamberConnectLibrary is Python 2: a converted copy lies in a temporary folder while this runs. Bytes go from the
+client's own exchange to the emulator and back; an exchange takes 1 s of lab time.
 """
 
 from __future__ import annotations
@@ -31,8 +31,10 @@ from typing import Any
 from pymodbus.framer import FramerRTU
 
 from benchmarks._marks import fill
+from benchmarks._outside_chambers import PYMEASURE, pymeasure_oven
 from benchmarks._outside_decoders import MODBUS, Decoders, minimalmodbus_client
 from simulators.emulators.espec import EspecEmulator
+from simulators.emulators.thermotron import ThermotronEmulator
 from simulators.emulators.watlow import F4Emulator, F4TEmulator
 from simulators.emulators.weiss import WeissEmulator
 from simulators.interfaces import Emulator
@@ -145,6 +147,8 @@ def main(sources: Path) -> None:
             rows += _basil(sources / "basil")
     if (sources / "minimalmodbus").is_dir():
         rows += _minimalmodbus(sources / "minimalmodbus")
+    oven = Line(lambda plant: ThermotronEmulator(plant, controller="3800", acknowledges=False))
+    rows += _called("pymeasure Thermotron3800", pymeasure_oven(oven.ask), PYMEASURE)
     decoders = Decoders(sources)
     for client, unit in decoders.available():
         rows += _called(client, decoders, [(unit, ())])

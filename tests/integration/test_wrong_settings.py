@@ -43,6 +43,7 @@ CHAMBERS = {
     "weiss": "",
     "espec_p300": "address = 1",
     "espec_scp220": "address = 1",
+    "thermotron_8200": "address = 1",
     "watlow_f4": "baudrate = 19200",
     "watlow_f4t": "",
 }
@@ -114,6 +115,7 @@ def test_the_same_settings_are_understood(tmp_path, role, driver):
         ("chamber", "weiss", {"baudrate": 19200}, "(19200 Bd)"),
         ("chamber", "weiss", {"address": 3}, "address = 3"),
         ("chamber", "espec_p300", {"address": 2}, "address = 2"),
+        ("chamber", "thermotron_8200", {"address": 2}, "address = 2"),
         ("chamber", "watlow_f4", {"address": 5}, "address = 5"),
         ("chamber", "watlow_f4t", {"baudrate": 38400}, "(38400 Bd)"),
     ],
