@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import sys
+import types
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 Ask = Callable[[bytes], bytes]
@@ -21,6 +24,29 @@ PYMEASURE: Sequence[tuple[str, tuple[Any, ...]]] = (
     ("mode", ()),
     ("stop", ()),
     ("mode", ()),
+)
+LABTOYS: Sequence[tuple[str, tuple[Any, ...]]] = (
+    ("GetMeasuredTemp", ()),
+    ("SetTemp", (-20.5,)),
+    ("ReadSetTemp", ()),
+    ("StartChamber", ()),
+    ("ReadGradientUp", ()),
+    ("ReadGradientDown", ()),
+    ("StopChamber", ()),
+)
+CTS_CHAMBER: Sequence[tuple[str, tuple[Any, ...]]] = (
+    ("get_temperature", ()),
+    ("get_state", ()),
+    ("ramp_to_temperature", (-20.5, 2.0, 5.0)),
+    ("get_temperature_ramp_information", ()),
+    ("start", ()),
+    ("get_state", ()),
+    ("pause", ()),
+    ("resume", ()),
+    ("collect_errors", ()),
+    ("stop", ()),
+    ("set_temperature", (25.0,)),
+    ("get_humidity", ()),
 )
 
 
@@ -56,3 +82,38 @@ def pymeasure_oven(ask: Ask) -> Called:
 
     line = type("OnEmulator", (adapters.ProtocolAdapter,), {"_write": write, "_read": read})
     return Called(ovens.Thermotron3800(line()))
+
+
+def labtoys_chamber(source: Path, ask: Ask) -> Any:
+    """Return labtoys' class for a CTS on TCP, which reads so many characters of an answer.
+
+    The package's own beginning, which asks for Windows, is left out.
+    """
+    package = types.ModuleType("labtoys")
+    package.__path__ = [str(source / "labtoys")]
+    sys.modules["labtoys"] = package
+    chamber = importlib.import_module("labtoys.CTS.ASCII_Proto_ETH").ASCII_Proto_ETH("", 1080)
+
+    def answer(command: str, respondLength: int = 1024) -> str:  # noqa: N803 (its name)
+        return ask(command.encode()).decode()[:respondLength]
+
+    vars(chamber)["_ASCII_Proto_ETH__device"] = types.SimpleNamespace(SendCommandGetAns=answer)
+    return chamber
+
+
+def cts_chamber(source: Path, ask: Ask) -> Any:
+    """Return cts-chamber's class for a CTS on RS-232; it asks up to three times more where nothing answers."""
+    sys.path.append(str(source))
+    package = importlib.import_module("cts_chamber")
+    answers: list[bytes] = []
+
+    def read() -> bytes:
+        if not (answer := answers.pop(0)):
+            raise TimeoutError("no answer")
+        return answer
+
+    port = types.SimpleNamespace(
+        write_raw=lambda frame: answers.append(ask(bytes(frame))), read_raw=read, close=lambda: None
+    )
+    manager = types.SimpleNamespace(open_resource=lambda path: port)
+    return package.CTSChamber(resource_path="memory", resource_manager=manager)

@@ -10,6 +10,7 @@ import pytest
 
 from drivers.acutrol._driver import AcutrolTable
 from drivers.base.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError
+from drivers.cts import Cts, CtsConfig
 from drivers.espec import EspecConfig, EspecP300
 from drivers.ideal_atl._driver import AtlConfig, AtlTable
 from drivers.kit.config import TableConfig
@@ -19,6 +20,7 @@ from drivers.thermotron import Thermotron8200, ThermotronConfig
 from drivers.watlow import F4Config, F4TConfig, WatlowF4, WatlowF4T
 from drivers.weiss import Weiss, WeissConfig
 from simulators.emulators.acutrol import AcutrolEmulator
+from simulators.emulators.cts import CtsEmulator
 from simulators.emulators.espec import EspecEmulator
 from simulators.emulators.ideal_atl import AtlEmulator
 from simulators.emulators.thermotron import ThermotronEmulator
@@ -76,6 +78,11 @@ def thermotron(link: MemoryLink, controller: Any = "8800") -> Chamber:
     return Thermotron8200.open(ThermotronConfig(**keys), OpenConnection(link))
 
 
+def cts(link: MemoryLink, framed: bool = True) -> Chamber:
+    config = CtsConfig(driver="cts", port="memory", auxiliary={2: ""}, framed=framed)
+    return Cts.open(config, OpenConnection(link))
+
+
 def acutrol(link: MemoryLink) -> AcutrolTable:
     return AcutrolTable(TableConfig(driver="acutrol3000", port="memory"), OpenConnection(link))
 
@@ -87,6 +94,8 @@ def atl(link: MemoryLink) -> AtlTable:
 CHAMBERS: dict[str, tuple[Callable[[ChamberPlant], Any], Callable[[MemoryLink], Any]]] = {
     "weiss": (lambda plant: WeissEmulator(plant, auxiliary=(2,)), weiss),
     "weiss ascii-2": (lambda plant: WeissEmulator(plant, auxiliary=(2,)), ascii2),
+    "cts": (CtsEmulator, cts),
+    "cts bare": (lambda plant: CtsEmulator(plant, framed=False), lambda link: cts(link, framed=False)),
     "espec": (EspecEmulator, p300),
     "thermotron 8800": (ThermotronEmulator, thermotron),
     "thermotron 8200": (

@@ -11,7 +11,9 @@ from bench.lab.emulated import Plant
 from bench.record.benchfile import load_bench_file
 from drivers.base.errors import LimitExceeded
 
-KINDS = {  # driver, with another controller than usual if one is named behind it
+KINDS = {  # driver, and what else tells it from others; of a Thermotron the controller
+    "cts": "/dev/ttyUSB2",
+    "cts on its own TCP port": "socket://192.168.1.20:1080",
     "espec_p300": "/dev/ttyUSB2",
     "espec_scp220": "socket://192.168.1.20:10001",
     "thermotron_8200": "socket://192.168.1.20:8888",
@@ -25,7 +27,7 @@ KINDS = {  # driver, with another controller than usual if one is named behind i
 def bench_file(text, tmp_path, kind, extra=""):
     driver, _, controller = kind.partition(" ")
     chamber = f'driver = "{driver}"\nport = "{KINDS[kind]}"\n{extra}'
-    chamber += f'controller = "{controller}"\n' if controller else ""
+    chamber += f'controller = "{controller}"\n' if controller.isdecimal() else ""
     old = 'driver = "weiss"\nport = "/dev/ttyUSB2"\nauxiliary = { 1 = "case" }\n'
     assert old in text
     path = tmp_path / "lab.toml"
@@ -71,10 +73,10 @@ def test_the_chamber_ramps_as_told_and_is_left_safe(bench, fog_text, tmp_path, k
     if kind not in ("thermotron_8200", "thermotron_8200 3800"):  # they show a set point once they run
         assert '"set_point_c": 25.0' in events
     manifest = json.loads((result.folder / "manifest.json").read_text())
-    assert manifest["devices"]["chamber"]["maker"] in ("ESPEC", "Thermotron", "Watlow")
+    assert manifest["devices"]["chamber"]["maker"] in ("CTS", "ESPEC", "Thermotron", "Watlow")
 
 
-@pytest.mark.parametrize("kind", ["thermotron_8200", "thermotron_8200 8800", "thermotron_8200 3800"])
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind.startswith(("cts", "thermotron"))])
 def test_a_known_state_is_reached_whoever_makes_the_ramp(bench, fog_text, tmp_path, kind):
     file = bench_file(fog_text, tmp_path, kind)
     told = {"air_c": -15.0, "ramp_k_per_min": 5.0, "air_tolerance_k": 5.0, "drift_k_per_10min": 5.0}
