@@ -26,6 +26,7 @@ from drivers.thermotron.codec import (
     CONTROLLERS,
     CR,
     IDENTITY,
+    MANUAL,
     PRODUCT_CONTROL,
     RESOLUTION_C,
     RUNNING_CODE,
@@ -220,7 +221,10 @@ class ThermotronChamber(PolledChamber):
 
     def _switch(self, on: bool) -> None:
         self._meant_to_run = on
-        self._command("RUNM" if on else "STOP", lambda: self._is_running() is on)
+        if on:  # a program that runs is no manual mode: RUNM is refused then
+            self._command("RUNM", lambda: bool(self._status() & MANUAL))
+        else:
+            self._command("STOP", lambda: not self._is_running())
         if on and self._demand is not None:
             self._tell_demand(running=True)
 
@@ -252,7 +256,10 @@ class ThermotronChamber(PolledChamber):
         return self._query(self._demanded, decode_number)
 
     def _is_running(self) -> bool:
-        return bool(self._query(self._has.status, decode_code) & self._has.running)
+        return bool(self._status() & self._has.running)
+
+    def _status(self) -> int:
+        return self._query(self._has.status, decode_code)
 
     def _command(self, text: str, in_force: _InForce | None) -> None:
         """Carry out a command; it is refused unless what was told is in force: no answer has a check value."""

@@ -30,6 +30,8 @@ ALARM_BITS: Mapping[int, str] = {
     4: "low process alarm",
     5: "high process alarm",
 }
+MANUAL = 16
+"""Run manual mode, of `STAT?` and of `MODE?`."""
 RUNNING_CODE = 1
 STOP_CODES: Mapping[int, str] = {
     0: "cold boot",
@@ -65,8 +67,9 @@ _PREFIX = b"\xff#"
 class Controller:
     """What is public of a controller's commands.
 
-    `status` tells by the bits `running` that it conditions. `tells_all`: unit, options, limits, alarms and the
-    demand. `loads_on_run`: a set point counts from the next RUNM on. `channels`: what it reads beside the air.
+    `status` tells by the bits `running` that it conditions, by `MANUAL` in which mode. `tells_all`: unit,
+    options, limits, alarms and the demand. `loads_on_run`: a set point counts from the next RUNM on.
+    `channels`: what it reads beside the air.
     """
 
     status: str
@@ -79,9 +82,9 @@ class Controller:
 
 
 CONTROLLERS: Mapping[Name, Controller] = {
-    "8800": Controller("STAT?", 1 | 2 | 4 | 16 | 32, tells_all=True, tells_stop=True),
-    "8200": Controller("STAT?", 1 | 2 | 4 | 16 | 32),
-    "3800": Controller("MODE?", 1 | 16, ramps=False, tells_stop=True, loads_on_run=True, channels=()),
+    "8800": Controller("STAT?", 1 | 2 | 4 | MANUAL | 32, tells_all=True, tells_stop=True),
+    "8200": Controller("STAT?", 1 | 2 | 4 | MANUAL | 32),
+    "3800": Controller("MODE?", 1 | MANUAL, ramps=False, tells_stop=True, loads_on_run=True, channels=()),
 }
 
 

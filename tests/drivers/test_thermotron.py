@@ -309,6 +309,15 @@ def test_why_it_stopped_is_an_alarm_while_it_should_run():
     assert plant.demands[-1][3] is False
 
 
+def test_a_program_that_runs_is_not_taken_for_manual_mode():
+    name, program = b"8200 Chamber Controller\r", b"1\r"
+    chamber, wire = scripted(b"4\r", name, program, controller="8200")
+    wire.retries = 2
+    with pytest.raises(DeviceRefused, match=r"refused 'RUNM'.*Found: code 4"):
+        chamber.start()
+    assert wire.sent == b"RUNM\rIDEN?\rSTAT?\r"
+
+
 def test_demands_that_make_no_sense_never_reach_the_line():
     chamber, wire, _, _ = emulated()
     for demand in ((float("inf"), None), (20.0, 0.0), (20.0, -3.0), (20.0, 101.0)):
