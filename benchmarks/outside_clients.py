@@ -6,11 +6,13 @@ SOURCES has their repositories, none of which is kept here:
     git clone https://github.com/SiLab-Bonn/basil SOURCES/basil
     git clone https://github.com/cookednoodle/pystim300 SOURCES/pystim300
     git clone https://github.com/hipnuc/products SOURCES/products
+    git clone https://github.com/ppudo/labtoys_python SOURCES/labtoys_python
     pip install --target SOURCES/minimalmodbus minimalmodbus==2.1.1
+    pip install --no-deps --target SOURCES/cts-chamber cts-chamber==0.3.0
 
-Writes the table of docs/instruments.md between its marks. ChamberConnectLibrary is Python 2: a converted copy
-lies in a temporary folder while this runs. Bytes go from the client's own exchange to the emulator and back; an
-exchange takes 1 s of lab time.
+pymeasure comes with the extra `bench`. Writes the table of docs/instruments.md between its marks.
+ChamberConnectLibrary is Python 2: a converted copy lies in a temporary folder while this runs. Bytes go from the
+client's own exchange to the emulator and back; an exchange takes 1 s of lab time.
 """
 
 from __future__ import annotations
@@ -31,8 +33,18 @@ from typing import Any
 from pymodbus.framer import FramerRTU
 
 from benchmarks._marks import fill
+from benchmarks._outside_chambers import (
+    CTS_CHAMBER,
+    LABTOYS,
+    PYMEASURE,
+    cts_chamber,
+    labtoys_chamber,
+    pymeasure_oven,
+)
 from benchmarks._outside_decoders import MODBUS, Decoders, minimalmodbus_client
+from simulators.emulators.cts import CtsEmulator
 from simulators.emulators.espec import EspecEmulator
+from simulators.emulators.thermotron import ThermotronEmulator
 from simulators.emulators.watlow import F4Emulator, F4TEmulator
 from simulators.emulators.weiss import WeissEmulator
 from simulators.interfaces import Emulator
@@ -145,6 +157,7 @@ def main(sources: Path) -> None:
             rows += _basil(sources / "basil")
     if (sources / "minimalmodbus").is_dir():
         rows += _minimalmodbus(sources / "minimalmodbus")
+    rows += _cts_and_thermotron(sources)
     decoders = Decoders(sources)
     for client, unit in decoders.available():
         rows += _called(client, decoders, [(unit, ())])
@@ -154,6 +167,19 @@ def main(sources: Path) -> None:
     fill(_PAGE, "outside clients", "| client | call | result |\n|---|---|---|\n" + "".join(lines))
     refused, failed = (sum(row.result.startswith(word) for row in rows) for word in ("refused:", "fails:"))
     print(f"{len(rows)} calls, {refused} refused, {failed} fail")
+
+
+def _cts_and_thermotron(sources: Path) -> Iterator[Row]:
+    """Yield the rows of pymeasure on a 3800 that answers no command, and of both classes for a CTS."""
+    oven = Line(lambda plant: ThermotronEmulator(plant, controller="3800", acknowledges=False))
+    yield from _called("pymeasure Thermotron3800", pymeasure_oven(oven.ask), PYMEASURE)
+    if (sources / "labtoys_python").is_dir():
+        bare = Line(lambda plant: CtsEmulator(plant, framed=False))
+        chamber = labtoys_chamber(sources / "labtoys_python", bare.ask)
+        yield from _called("labtoys ASCII_Proto_ETH", chamber, LABTOYS)
+    if (sources / "cts-chamber").is_dir():
+        framed = cts_chamber(sources / "cts-chamber", Line(CtsEmulator).ask)
+        yield from _called("cts-chamber CTSChamber", framed, CTS_CHAMBER)
 
 
 def _called(name: str, client: Any, calls: Sequence[tuple[str, tuple[Any, ...]]]) -> Iterator[Row]:

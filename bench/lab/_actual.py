@@ -55,17 +55,18 @@ def as_they_are(
         }
     )
     lines = {
-        name: _format(name, real(sections[name], name).baudrate, actual[name])
+        name: _format(name, real(sections[name], name), actual[name])
         for name in actual
         if "://" not in (sections[name].port or "://")
     }
     return changed, lines
 
 
-def _format(name: str, baudrate: int, keys: Mapping[str, Any]) -> SerialFormat:
+def _format(name: str, section: Any, keys: Mapping[str, Any]) -> SerialFormat:
+    usual = {"baudrate": section.baudrate, "parity": section.parity}
     given = {key: value for key, value in keys.items() if key in _FORMAT}
     try:
-        return TypeAdapter(SerialFormat).validate_python({"baudrate": baudrate, **given})
+        return TypeAdapter(SerialFormat).validate_python(usual | given)
     except ValidationError as error:
         raise _unusable(name, error) from error
 

@@ -52,6 +52,11 @@ def state_folder() -> Path:
     return (Path(base) if base.startswith("/") else Path.home() / ".local" / "state") / "gyrobench"
 
 
+def is_pseudo_terminal(path: str) -> bool:
+    """Return whether a port is a terminal with a program at its other end, as Linux names them."""
+    return str(Path(path).resolve()).startswith("/dev/pts/")
+
+
 def processors() -> int:
     """Return how many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -128,8 +128,13 @@ class Section:
         return TypeAdapter(cls)
 
 
+Parity = Literal["N", "E", "O"]
+
+
 class DeviceConfig(Section):
-    """A device's section."""
+    """A device's section. `parity`: how the driver sets a serial port; no key of the file."""
+
+    parity: ClassVar[Parity] = "N"
 
     @classmethod
     def with_files(cls, given: Mapping[str, Any], folder: Path) -> tuple[dict[str, Any], list[Mistake]]:

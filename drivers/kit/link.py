@@ -19,7 +19,7 @@ import serial
 
 from drivers.base.clock import Clock
 from drivers.base.errors import BenchError, ConfigurationError, DeviceSilent, LinkLost, ProtocolError
-from drivers.base.system import SELECTS_FILES
+from drivers.base.system import SELECTS_FILES, is_pseudo_terminal
 from drivers.kit.sockets import SocketPort
 
 _BLOCK = 65536
@@ -139,6 +139,10 @@ class Link:
             settings["exclusive"] = True
             usual = {"baudrate": 9600, "bytesize": 8, "parity": "N", "stopbits": 1}
             self.spoken = "{baudrate} Bd, {bytesize}{parity}{stopbits}".format(**usual | settings)
+            if is_pseudo_terminal(
+                url
+            ):  # it has no line; Linux sets no parity there and fails the second time
+                settings.pop("parity", None)
         self._settings = settings
         self._opening: Opening | None = None
         self._take_port(self._open())

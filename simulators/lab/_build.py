@@ -86,6 +86,7 @@ def _built(config: LabConfig, ports: list[Port]) -> tuple[Lab, dict[str, Act]]:
         delivery_s=config.delivery_s,
         lines=_lines(config, emulators, plant),
         formats=config.lines,
+        parities={"table": config.table.parity, "chamber": config.chamber.parity},
     )
     power.exchange = lab.exchange
     acts = _acts(plant, lab, emulators["chamber"])

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence, Set
 from typing import Protocol
 
 from drivers.base.errors import ConfigurationError
+from drivers.kit.config import Parity
 from simulators.config import SerialFormat
 from simulators.faults import VANISH, Fault
 from simulators.interfaces import Emulator, StreamingEmulator
@@ -46,12 +47,15 @@ class Lab:
         delivery_s: float,
         lines: Mapping[str, Line] | None = None,
         formats: Mapping[str, SerialFormat] | None = None,
+        parities: Mapping[str, Parity] | None = None,
     ) -> None:
         self.now_ns = 0
         self.ports = list(ports)
         self.lines = dict(lines or {})
         self._formats = dict(formats or {})
         """Devices, by port, that understand only what is sent with their own serial settings."""
+        self._parities = dict(parities or {})
+        """What the bench's drivers set, by port: a terminal does not know."""
         self._active = self._active_lines()
         self._plant = plant
         self._emulators = [emulators[port.name] for port in ports]
@@ -161,12 +165,14 @@ class Lab:
     def _ends(self, index: int) -> tuple[SerialFormat, SerialFormat] | None:
         """Return how bench and device have set a port, None where any setting does.
 
-        A terminal knows 8N1 only, so that is what the bench has.
+        A terminal tells the bench's baud rate only; the driver's parity is known, the rest is 8 bits, 1 stop bit.
         """
         port = self.ports[index]
         device = self._formats.get(port.name)
         baudrate = port.baudrate() if device is not None and port.is_open else 0
-        return (SerialFormat(baudrate), device) if device is not None and baudrate else None
+        if device is None or not baudrate:
+            return None
+        return SerialFormat(baudrate, parity=self._parities.get(port.name, "N")), device
 
     def _active_lines(self) -> dict[int, Line]:
         lines = ((index, self.lines.get(port.name)) for index, port in enumerate(self.ports))

@@ -130,6 +130,24 @@ def test_a_port_that_cannot_be_opened_is_named(url):
     clock.close()
 
 
+def test_a_line_is_opened_with_its_parity_and_a_terminal_as_often_as_wanted(terminal, monkeypatch):
+    """Linux forgets parity on a pseudo-terminal, and the second setting fails (EINVAL)."""
+    for _ in range(2):
+        link = Link(terminal[1], WallClock(), name="port", baudrate=19_200, parity="O")
+        assert link.spoken == "19200 Bd, 8O1"
+        link.close()
+    asked = {}
+
+    def opened(url, **settings):
+        asked.update(settings)
+        raise OSError("no such port")
+
+    monkeypatch.setattr("drivers.kit.link.serial.serial_for_url", opened)
+    with pytest.raises(ConfigurationError):
+        Link("/dev/ttyUSB0", WallClock(), name="port", baudrate=19_200, parity="O")
+    assert asked["parity"] == "O"
+
+
 def test_a_port_that_goes_away_while_it_is_being_set_is_named(terminal, monkeypatch):
     def gone(*_):
         raise termios.error(5, "Input/output error")

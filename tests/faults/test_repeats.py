@@ -10,16 +10,20 @@ import pytest
 
 from drivers.acutrol._driver import AcutrolTable
 from drivers.base.errors import BenchError, DeviceRefused, DeviceSilent, ProtocolError
+from drivers.cts import Cts, CtsConfig
 from drivers.espec import EspecConfig, EspecP300
 from drivers.ideal_atl._driver import AtlConfig, AtlTable
 from drivers.kit.config import TableConfig
 from drivers.kit.instruments import Chamber
 from drivers.kit.modbus import ModbusMaster
+from drivers.thermotron import Thermotron8200, ThermotronConfig
 from drivers.watlow import F4Config, F4TConfig, WatlowF4, WatlowF4T
 from drivers.weiss import Weiss, WeissConfig
 from simulators.emulators.acutrol import AcutrolEmulator
+from simulators.emulators.cts import CtsEmulator
 from simulators.emulators.espec import EspecEmulator
 from simulators.emulators.ideal_atl import AtlEmulator
+from simulators.emulators.thermotron import ThermotronEmulator
 from simulators.emulators.watlow import F4Emulator, F4TEmulator
 from simulators.emulators.weiss import WeissEmulator
 from simulators.plant.table import TableAxis, TableParameters
@@ -63,6 +67,22 @@ def f4t(link: MemoryLink) -> Chamber:
     return WatlowF4T.open(F4TConfig(driver="watlow_f4t", port="socket://memory"), OpenConnection(link))
 
 
+def thermotron(link: MemoryLink, controller: Any = "8800") -> Chamber:
+    sensors = {} if controller == "3800" else {2: ""}
+    keys: Any = {
+        "driver": "thermotron_8200",
+        "port": "memory",
+        "controller": controller,
+        "auxiliary": sensors,
+    }
+    return Thermotron8200.open(ThermotronConfig(**keys), OpenConnection(link))
+
+
+def cts(link: MemoryLink, framed: bool = True) -> Chamber:
+    config = CtsConfig(driver="cts", port="memory", auxiliary={2: ""}, framed=framed)
+    return Cts.open(config, OpenConnection(link))
+
+
 def acutrol(link: MemoryLink) -> AcutrolTable:
     return AcutrolTable(TableConfig(driver="acutrol3000", port="memory"), OpenConnection(link))
 
@@ -74,10 +94,23 @@ def atl(link: MemoryLink) -> AtlTable:
 CHAMBERS: dict[str, tuple[Callable[[ChamberPlant], Any], Callable[[MemoryLink], Any]]] = {
     "weiss": (lambda plant: WeissEmulator(plant, auxiliary=(2,)), weiss),
     "weiss ascii-2": (lambda plant: WeissEmulator(plant, auxiliary=(2,)), ascii2),
+    "cts": (CtsEmulator, cts),
+    "cts bare": (lambda plant: CtsEmulator(plant, framed=False), lambda link: cts(link, framed=False)),
     "espec": (EspecEmulator, p300),
+    "thermotron 8800": (ThermotronEmulator, thermotron),
+    "thermotron 8200": (
+        lambda plant: ThermotronEmulator(plant, controller="8200"),
+        lambda link: thermotron(link, "8200"),
+    ),
+    "thermotron 3800": (
+        lambda plant: ThermotronEmulator(plant, controller="3800"),
+        lambda link: thermotron(link, "3800"),
+    ),
     "watlow f4": (F4Emulator, f4),
     "watlow f4t": (lambda plant: F4TEmulator(plant, framing="tcp"), f4t),
 }
+NO_SENSORS = ("espec", "thermotron 3800", "watlow f4t")
+NO_RAMP = ("thermotron 3800",)
 TABLES: dict[str, tuple[Callable[[Any], Any], Callable[[MemoryLink], Any]]] = {
     "acutrol": (AcutrolEmulator, acutrol),
     "atl": (AtlEmulator, atl),
@@ -145,9 +178,7 @@ def table_with(kind: str, damage: Damage, **options: Any) -> tuple[Any, TableAxi
 def test_a_poll_of_a_chamber_is_asked_again(kind: str, damage: Damage, at: int) -> None:
     chamber, plant, device, told = chamber_with(kind, damage, at=at)
     plant.air = -41.3
-    sensors = (
-        {2: pytest.approx(20.1234, abs=0.06)} if chamber.link and kind not in ("espec", "watlow f4t") else {}
-    )
+    sensors = {2: pytest.approx(20.1234, abs=0.06)} if kind not in NO_SENSORS else {}
     for _ in range(4):
         state = chamber.state()
         assert state.air_temp_c == pytest.approx(-41.3, abs=0.06)
@@ -165,7 +196,7 @@ def test_a_poll_of_a_chamber_is_asked_again(kind: str, damage: Damage, at: int) 
 def test_a_command_to_a_chamber_is_read_back(kind: str, damage: Damage, at: int) -> None:
     chamber, plant, _, _ = chamber_with(kind, damage, at=at)
     plant.air = 20.0
-    chamber.set_temperature(-40.0, 5.0)
+    chamber.set_temperature(-40.0, None if kind in NO_RAMP else 5.0)
     chamber.start()
     assert plant.demands[-1][0] == -40.0 and plant.demands[-1][3] is True
     assert chamber.state().air_temp_c == -40.0

@@ -22,6 +22,13 @@ BENCHES = [
         'driver = "ideal_atl"\nport = "/dev/ttyT"',
         'driver = "watlow_f4"\nport = "/dev/ttyC"\nbaudrate = 19200',
     ),
+    ('driver = "ideal_atl"\nport = "/dev/ttyT"', 'driver = "cts"\nport = "/dev/ttyC"'),
+    ('driver = "acutrol3000"\nport = "/dev/ttyT"', 'driver = "cts"\nport = "socket://10.0.0.1:1080"'),
+    (
+        'driver = "ideal_atl"\nport = "/dev/ttyT"',
+        'driver = "thermotron_8200"\nport = "socket://10.0.0.1:8888"\ncontroller = "8800"',
+    ),
+    ('driver = "acutrol3000"\nport = "/dev/ttyT"', 'driver = "thermotron_8200"\nport = "/dev/ttyC"'),
     ('driver = "ideal_atl"\nport = "/dev/ttyT"', 'driver = "watlow_f4t"\nport = "socket://10.0.0.1:502"'),
     ('driver = "ideal_atl"\nport = "/dev/ttyT"', 'driver = "watlow_f4t"\nport = "/dev/ttyC"'),
 ]

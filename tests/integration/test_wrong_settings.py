@@ -41,8 +41,10 @@ DOCUMENT = Path(__file__).parents[2] / "docs" / "instruments.md"
 TABLES = ("acutrol3000", "ideal_atl")
 CHAMBERS = {
     "weiss": "",
+    "cts": "",
     "espec_p300": "address = 1",
     "espec_scp220": "address = 1",
+    "thermotron_8200": "address = 1",
     "watlow_f4": "baudrate = 19200",
     "watlow_f4t": "",
 }
@@ -79,7 +81,7 @@ CASES = [
     *(("table", name, {"baudrate": 19200}) for name in TABLES),
     *(("table", name, {"parity": "E"}) for name in TABLES),
     *(("chamber", name, {"baudrate": 38400}) for name in CHAMBERS),
-    *(("chamber", name, {"parity": "O"}) for name in CHAMBERS),
+    *(("chamber", name, {"parity": "N" if name == "cts" else "O"}) for name in CHAMBERS),
     *(("chamber", name, {"address": 3}) for name in CHAMBERS),
     *(("gyro", name, {"baudrate": 115200, "rate_hz": 100 if name == "kvh1750" else 125}) for name in GYROS),
     *(("gyro", name, {"parity": "E"}) for name in GYROS),
@@ -90,14 +92,17 @@ CASES = [
 def test_a_wrong_setting_is_noticed_and_the_error_says_what_to_set(tmp_path, role, driver, actual):
     port = "gyro_1" if role == "gyro" else role
     error = noticed(tmp_path, port, actual, **{role: driver})
-    assert "Bd, 8N1" in error.remedy and "--thorough" in error.remedy, error
+    assert f"Bd, {'8O1' if driver == 'cts' else '8N1'}" in error.remedy and "--thorough" in error.remedy, (
+        error
+    )
     setting = ", ".join(f"{key} {value}" for key, value in actual.items() if key != "rate_hz")
     row = f"| `{driver}` | {setting} | {type(error).__name__}: {error.what} |"
     assert row in DOCUMENT.read_text().splitlines(), f"docs/instruments.md lacks: {row}"
 
 
 @pytest.mark.parametrize(
-    ("role", "driver"), [("table", "ideal_atl"), ("chamber", "watlow_f4"), ("chamber", "weiss")]
+    ("role", "driver"),
+    [("table", "ideal_atl"), ("chamber", "watlow_f4"), ("chamber", "weiss"), ("chamber", "cts")],
 )
 def test_the_same_settings_are_understood(tmp_path, role, driver):
     file = bench_file(tmp_path, **{role: driver})
@@ -114,6 +119,9 @@ def test_the_same_settings_are_understood(tmp_path, role, driver):
         ("chamber", "weiss", {"baudrate": 19200}, "(19200 Bd)"),
         ("chamber", "weiss", {"address": 3}, "address = 3"),
         ("chamber", "espec_p300", {"address": 2}, "address = 2"),
+        ("chamber", "thermotron_8200", {"address": 2}, "address = 2"),
+        ("chamber", "cts", {"baudrate": 9600}, "(9600 Bd, framed = true)"),
+        ("chamber", "cts", {"address": 5}, "address = 5"),
         ("chamber", "watlow_f4", {"address": 5}, "address = 5"),
         ("chamber", "watlow_f4t", {"baudrate": 38400}, "(38400 Bd)"),
     ],
