@@ -115,14 +115,20 @@ class Steps:
             angle[step + 1] = angle[step] + grown[step]
         if self.usual_s > _HALF * self.period_s:
             return angle, None
-        before = (last - at(stops - self.usual_s)) / self.usual_s
-        after = (at(starts + self.usual_s) - first) / self.usual_s
+        inner = at(stops - self.usual_s), at(starts + self.usual_s)
+        before, after = (last - inner[0]) / self.usual_s, (inner[1] - first) / self.usual_s
+        # a row further off: where the rate ramps, the mean of the two rows beside a border is not the rate there
+        further = (inner[0] - at(stops - 2.0 * self.usual_s), at(starts + 2.0 * self.usual_s) - inner[1])
         rate = np.zeros(self.count + 1)
         known = np.zeros(self.count + 1)
         for values, part in ((before, slice(1, None)), (after, slice(None, -1))):
             rate[part] += np.where(self.whole, values, 0.0)
             known[part] += self.whole
-        return angle, np.where(known > 0.0, rate / np.maximum(known, 1.0), np.gradient(angle) / self.period_s)
+        rate = np.where(known > 0.0, rate / np.maximum(known, 1.0), np.gradient(angle) / self.period_s)
+        both = self.whole[:-1] & self.whole[1:]
+        far = (further[0][:-1] + further[1][1:]) / self.usual_s
+        rate[1:-1] = np.where(both, (7.0 * (before[:-1] + after[1:]) - far) / 12.0, rate[1:-1])
+        return angle, rate
 
 
 def true_times(time_s: Array, rate_dps: Array, angle_deg: Array) -> Array:

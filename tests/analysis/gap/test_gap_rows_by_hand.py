@@ -88,6 +88,14 @@ def test_angles_are_known_where_rows_begin_and_end():
     assert half.angles(3.5 * np.arange(40.0))[1] == pytest.approx(np.full(20, 7.0))
 
 
+def test_a_rate_at_a_border_is_that_of_the_table_also_while_it_changes():
+    """A rate of t^3/100: two rows of 0.5 s beside a border have a mean that is off by t/400, four have none."""
+    time_s = 0.5 * np.arange(41.0)
+    _, rate = Steps.of(time_s, all_of(time_s)).angles(time_s**4 / 400.0)
+    edges = np.arange(21.0)
+    assert rate[1:-1] == pytest.approx(edges[1:-1] ** 3 / 100.0, abs=1e-6)
+
+
 def test_times_between_rows_are_odd_where_the_clock_was_set():
     """Lost rows make whole multiples; a clock that is set by 0.3 s makes none. Many odd ones are jitter."""
     number = np.delete(np.arange(400.0), [50, 51, 170])
