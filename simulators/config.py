@@ -123,7 +123,8 @@ class LabConfig:
 
     `delivery_s`: how often adapters hand over streamed bytes. `cpu`: processor that lab and bench share in
     virtual time, None to leave that to the system. `lines`: devices, by port, that
-    understand only what is sent with their own settings. `emulated`: seed and model, which a bench is told.
+    understand only what is sent with their own settings. `adapter_batch_s`: ports whose adapter hands streams
+    over so often. `emulated`: seed and model, which a bench is told.
     """
 
     clock: Literal["virtual", "wall"]
@@ -138,6 +139,7 @@ class LabConfig:
     instruments: tuple[InstrumentInLab, ...] = ()
     faults: tuple[Fault, ...] = ()
     lines: dict[str, SerialFormat] = field(default_factory=dict)
+    adapter_batch_s: dict[str, float] = field(default_factory=dict)
     rotation: Rotation = field(default_factory=Rotation)
     delivery_s: float = 1.0
     cpu: int | None = None

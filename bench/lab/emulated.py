@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -48,6 +48,8 @@ class Plant(BaseModel):
     """rms over headings of the change of a platform's mean drift"""
     clock_error_ppm: dict[str, float] = Field(default_factory=dict)
     """Gyro name -> error of its sample clock, positive when it is fast; 10000 is 1 %."""
+    adapter_batch_ms: dict[str, Annotated[float, Field(gt=0, le=1000)]] = Field(default_factory=dict)
+    """Unit's name -> how often its USB adapter hands over what has come: 16 as most are delivered, 1 at best."""
     rotation: Rotation = Rotation()
     bearing: dict[str, Bearing] = Field(default_factory=dict)
     """Unit id -> the bearing it turns in; a unit not named has its model's own."""
@@ -290,6 +292,7 @@ def lab_config(
         ),
         rotation=plant.rotation,
         faults=plant.fault,
+        adapter_batch_s={name: 1e-3 * batch_ms for name, batch_ms in plant.adapter_batch_ms.items()},
         platforms=tuple(
             PlatformInLab(
                 config=platform,

@@ -18,6 +18,7 @@ from drivers.kit.registry import EMULATORS, registered
 from simulators.config import Bearing, GyroInLab, InstrumentInLab, LabConfig, PlatformInLab
 from simulators.faults import VANISH, Fault
 from simulators.interfaces import Emulator, EmulatorMaker, Installation, StreamingEmulator
+from simulators.lab._adapter import Adapter
 from simulators.lab._control_channel import Act
 from simulators.lab._core import Lab
 from simulators.lab._line import Line
@@ -87,6 +88,7 @@ def _built(config: LabConfig, ports: list[Port]) -> tuple[Lab, dict[str, Act]]:
         lines=_lines(config, emulators, plant),
         formats=config.lines,
         parities={"table": config.table.parity, "chamber": config.chamber.parity},
+        adapters=_adapters(config, streams),
     )
     power.exchange = lab.exchange
     acts = _acts(plant, lab, emulators["chamber"])
@@ -111,6 +113,13 @@ def _instrument(instrument: InstrumentInLab, config: LabConfig, plant: LabPlant,
         for output in section.outputs
     }
     return _emulator(role, section.driver, section, loads)
+
+
+def _adapters(config: LabConfig, streams: Mapping[str, StreamingEmulator]) -> dict[str, Adapter]:
+    """Return the adapters that hand streams over in batches; ConfigurationError for one of no unit."""
+    for name in config.adapter_batch_s:
+        _known("port", name, streams)
+    return {name: Adapter(period_s) for name, period_s in config.adapter_batch_s.items()}
 
 
 def _lines(config: LabConfig, emulators: Mapping[str, Emulator], plant: LabPlant) -> dict[str, Line]:

@@ -12,6 +12,7 @@ from drivers.kit.config import Parity
 from simulators.config import SerialFormat
 from simulators.faults import VANISH, Fault
 from simulators.interfaces import Emulator, StreamingEmulator
+from simulators.lab._adapter import Adapter
 from simulators.lab._line import Line
 from simulators.lab._ports import Port
 from simulators.lab._uart import block_to_bench, to_bench, to_device
@@ -48,6 +49,7 @@ class Lab:
         lines: Mapping[str, Line] | None = None,
         formats: Mapping[str, SerialFormat] | None = None,
         parities: Mapping[str, Parity] | None = None,
+        adapters: Mapping[str, Adapter] | None = None,
     ) -> None:
         self.now_ns = 0
         self.ports = list(ports)
@@ -56,6 +58,8 @@ class Lab:
         """Devices, by port, that understand only what is sent with their own serial settings."""
         self._parities = dict(parities or {})
         """What the bench's drivers set, by port: a terminal does not know."""
+        self._adapters = dict(adapters or {})
+        """Adapters, by port, that hand streams over in batches."""
         self._active = self._active_lines()
         self._plant = plant
         self._emulators = [emulators[port.name] for port in ports]
@@ -119,6 +123,8 @@ class Lab:
                         continue
                     port.write(data)
                     marks.append((index, port.written, now_ns))
+                    if (adapter := self._adapters.get(port.name)) is not None:
+                        adapter.answered(now_ns / 1e9)
                     stop = stop or index == stop_port
             if stop or now_ns >= to_ns:
                 return marks
@@ -224,6 +230,11 @@ class Lab:
                 line.pass_over(now_s)
         if is_open and block is not None and block.data and (ends := self._ends(index)):
             block = block_to_bench(block, *ends)
+        if (adapter := self._adapters.get(port.name)) is not None:
+            if is_open:
+                block = adapter.block(block, since_s, now_s)
+            else:
+                adapter.clear()
         if not is_open or block is None or not block.data:
             return False
         before = port.written

@@ -5,6 +5,7 @@ import pytest
 
 from bench.lab.emulated import Plant
 from bench.record.recording import Run, read_exchanges, read_manifest
+from drivers.base.errors import ConfigurationError
 from simulators.interfaces import StreamBlock
 
 FRAME_BYTES = 36
@@ -117,3 +118,34 @@ def test_a_gyro_clock_one_percent_off_is_measured_and_taken_out(bench, both_file
     assert (can["time_ns"][fast[0]] - spun) / 1e9 == pytest.approx(0.088, abs=0.012)
     assert (can["time_ns"][fast[-1]] - stopped) / 1e9 == pytest.approx(0.078, abs=0.012)
     assert (stopped - spun) / 1e9 > 120.0
+
+
+@pytest.mark.parametrize("batch_ms", [1.0, 16.0, 100.0])
+def test_what_an_adapter_hands_over_in_batches_is_timed_by_the_counter(bench, fog_file, tmp_path, batch_ms):
+    """Bytes are seen when the adapter's latency timer runs out; samples of 10 ms are right to a tenth of one."""
+    runs = {}
+    for name, batches in (("plain", {}), ("batched", {"fog_1": batch_ms})):
+        plant = Plant(seed=5, clock_error_ppm={"fog_1": 900.0}, adapter_batch_ms=batches)
+        with bench.lab(fog_file, plant) as lab:
+            result = bench.drive(lab.file, tmp_path / name, hold_s=60.0)
+        assert result.outcome == "completed", result.reason
+        runs[name] = result, Run.open(result.folder).gyro("fog_1", ("time_ns",))["time_ns"]
+    marks = np.fromfile(runs["batched"][0].folder / "raw" / "fog_1.idx", np.int64).reshape(-1, 2)
+    period_ns = round(1e6 * batch_ms)
+    off_ns = np.abs(marks[:, 1] - period_ns * np.rint(marks[:, 1] / period_ns))
+    assert np.mean(off_ns <= 1) > 0.95  # answers before and after the stream are not held
+    count = min(len(times) for _, times in runs.values())
+    late_s = 1e-9 * (runs["batched"][1][:count] - runs["plain"][1][:count])
+    assert np.sqrt(np.mean(late_s**2)) < 1e-3
+    said = [
+        text for text in runs["batched"][0].warnings if "in batches of 100 ms, about 10 at a time" in text
+    ]
+    assert len(said) == (batch_ms == 100.0)
+
+
+def test_an_adapter_of_no_unit_is_refused(bench, fog_file):
+    with (
+        pytest.raises(ConfigurationError, match="fog_9"),
+        bench.lab(fog_file, Plant(adapter_batch_ms={"fog_9": 16.0})),
+    ):
+        pass

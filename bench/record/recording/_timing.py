@@ -30,6 +30,10 @@ _RESTART_TOLERANCE_S = 0.02
 _EARLY_S = 0.25
 """A frame that comes earlier than the counter says by more than this is of a new count: the device restarted."""
 _SILENCE_S = 2.0
+_BATCH_S, _BATCHED = (2e-3, 0.25), 3.0
+"""Times between arrivals, and frames in each, from which they come in batches."""
+_REGULAR, _GAPS = 0.25, 4096
+"""Part by which most times between arrivals differ from the usual one at most; how many are looked at."""
 _RECENT = 8
 """Windows whose least lateness says how early is possible."""
 
@@ -114,6 +118,7 @@ class StreamTimer:
     _counts: list[Ints] = field(default_factory=list)
     _arrivals: list[Floats] = field(default_factory=list)
     _suspects: list[Ints] = field(default_factory=list)
+    _gaps: list[Floats] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._unwrap = Unwrapper(self.modulo)
@@ -128,6 +133,8 @@ class StreamTimer:
         if self._step is None and len(step) > 1:
             self._step = float(np.median(step[1:])) if self.nominal_step != 1 else 1.0
         frame, arrival_s, self._mark_at = first_arrivals(marks, self._mark_at, end_offset)
+        if sum(map(len, self._gaps)) < _GAPS:
+            self._gaps.append(np.column_stack((np.diff(arrival_s), np.diff(frame))))
         self._add_windows(count, step, frame, arrival_s)
         self._frames += len(counter)
 
@@ -231,6 +238,17 @@ class StreamTimer:
             warnings=tuple(self._warnings(rate_hz, residual_s, restarts, float(np.ptp(arrival_s)))),
         )
 
+    def _batch(self) -> tuple[float, float] | None:
+        """Return how often batches of frames arrive, s, and the frames in each; None where frames come singly."""
+        gaps = np.concatenate(self._gaps) if self._gaps else np.empty((0, 2))
+        if len(gaps) < _RECENT:
+            return None
+        usual_s, frames = np.median(gaps, axis=0).tolist()
+        regular = float(np.mean(np.abs(gaps[:, 0] - usual_s) <= _REGULAR * usual_s))
+        if not _BATCH_S[0] <= usual_s <= _BATCH_S[1] or frames < _BATCHED or regular < 1.0 - _REGULAR:
+            return None
+        return usual_s, frames
+
     def _warnings(self, rate_hz: float, residual_s: float, restarts: int, span_s: float) -> list[str]:
         warnings = []
         off = rate_hz / self.nominal_rate_hz - 1.0
@@ -239,6 +257,11 @@ class StreamTimer:
             warnings.append(
                 f"the measured sample rate is {rate_hz:.3f} Hz, not the nominal {self.nominal_rate_hz:g} Hz "
                 f"({off:+.2%}): times and rates follow the measured one"
+            )
+        if batch := self._batch():
+            warnings.append(
+                f"samples arrive in batches of {1e3 * batch[0]:.3g} ms, about {batch[1]:.0f} at a time, as from "
+                "a USB adapter with a latency timer: their times follow the counter"
             )
         if restarts:
             what = "the device's counter started anew" if self.has_counter else "the stream paused"

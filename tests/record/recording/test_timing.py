@@ -254,3 +254,23 @@ def test_a_device_with_a_bad_contact_counts_anew_again_and_again_and_keeps_its_t
     timing = timer.fit()
     count = timing.corrected(unwrap.feed(counter)[0], 0)
     assert np.abs(timing.time_ns(count) * 1e-9 - true_s).max() < 0.012
+
+
+@pytest.mark.parametrize("batch_s", [0.001, 0.016])
+@pytest.mark.parametrize("rate_hz", [100.0, 250.0, 500.0, 1000.0, 2000.0])
+def test_batches_of_an_adapter_leave_a_tenth_of_a_sample(rate_hz, batch_s):
+    """A latency timer of 16 ms or 1 ms, a clock that is fast by 30 ppm, ten minutes; the host adds 0.5 ms."""
+    rng = np.random.default_rng(int(rate_hz))
+    number = np.arange(int(600 * rate_hz))
+    truth_s = 0.137 + number / (rate_hz * (1.0 + 30e-6))
+    released = np.ceil((truth_s + 0.4 / rate_hz) / batch_s)
+    last = np.append(np.flatnonzero(np.diff(released) > 0), len(number) - 1)
+    arrival_s = released[last] * batch_s + rng.uniform(0.0, 0.0005, len(last))
+    timer = StreamTimer(65536, 1, rate_hz)
+    ends = FRAME * (number + 1)
+    marks = np.column_stack((ends[last], np.rint(1e9 * np.maximum.accumulate(arrival_s)).astype(np.int64)))
+    timer.feed(number % 65536, ends, marks)
+    timing = timer.fit(0.4 / rate_hz)
+    assert rate_hz * np.sqrt(np.mean((1e-9 * timing.time_ns(number) - truth_s) ** 2)) < 0.1
+    named = [text for text in timing.warnings if f"in batches of {1e3 * batch_s:.3g} ms" in text]
+    assert len(named) == (batch_s == 0.016 and rate_hz >= 250.0)
