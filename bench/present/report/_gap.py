@@ -106,6 +106,7 @@ def _verdict(found: RateFinding, shrunk: Shrinkage | None) -> Verdict:
     sentences = [
         f"{plain_name(cause.name).capitalize()}: {cause.meaning}"
         + (f" These runs do not tell it from {_rivals(cause)}." if cause.alternatives else "")
+        + (f" What follows the same draws its form: {_one_of(cause)}, one mechanism." if cause.form else "")
         for cause in found.causes
     ]
     for name in found.stochastic:
@@ -121,7 +122,7 @@ def _verdict(found: RateFinding, shrunk: Shrinkage | None) -> Verdict:
                 "The stimulus is constant in these runs; they cannot show what an effect depends on."
             ]
     headlines = [
-        Headline(plain_name(cause.name), fixed(100.0 * cause.probability, 0), "%", note="probability")
+        Headline(_one_of(cause), fixed(100.0 * _probability(cause), 0), "%", note="probability")
         for cause in found.causes
     ]
     if shrunk is not None and shrunk.cells:
@@ -138,6 +139,15 @@ def _verdict(found: RateFinding, shrunk: Shrinkage | None) -> Verdict:
     word, tone = _VERDICTS[found.verdict]
     doubtful = shrunk is not None and shrunk.caution and found.causes
     return Verdict(word, "doubt" if doubtful else tone, sentences, headlines)
+
+
+def _one_of(cause: Cause[Term]) -> str:
+    return " or ".join(plain_name(name) for name in cause.one_of or (cause.name,))
+
+
+def _probability(cause: Cause[Term]) -> float:
+    """Return the probability that what `_one_of` names acts."""
+    return cause.set_probability if len(cause.one_of) > 1 else cause.probability
 
 
 def _rivals(cause: Cause[Term]) -> str:
@@ -157,9 +167,14 @@ def _causes(found: RateFinding) -> list[Block]:
 
 
 def _cause_row(cause: Cause[Term], coarseness: float, status: str) -> Row:
-    fitted = "; with ".join(_fitted(term, coarseness) for term in cause.terms)
+    others = [f"with {plain_name(term.name)}: {_fitted(term, coarseness)}" for term in cause.form]
+    fitted = "; ".join([_fitted(cause.term, coarseness), *others])
     rivals = _rivals(cause)
-    if len(cause.one_of) > 1:
+    if cause.form:
+        status += (
+            f", one mechanism with what follows the same: {_one_of(cause)}, {100 * _probability(cause):.0f} %"
+        )
+    elif len(cause.one_of) > 1:
         status += f", or one of its alternatives: {100 * cause.set_probability:.0f} %"
     effect = cause.term.variant.effect
     note = f"{cause.meaning} Follows {effect.follows}. Source: {effect.source}."

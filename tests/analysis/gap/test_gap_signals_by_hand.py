@@ -43,6 +43,8 @@ from bench.analysis.gap._rehearsal import LogGap, LogGaps
 from bench.analysis.gap._stochastic import NoiseVerdict, _raised, _usual
 from bench.analysis.gap._suggest import Suggestion
 from bench.analysis.gap._where import RegimePlace
+from bench.present.cli.gap import _text
+from bench.present.report import _gap
 from bench.record.benchfile import load_bench_file
 from bench.record.events.run import AngleDemand, HomeDemand, RateDemand
 from bench.record.events.safe import SafeState
@@ -350,6 +352,25 @@ def rate_finding(**changes):
         ),
     }
     return RateFinding(**(fields | changes))
+
+
+def test_a_cause_of_two_formulas_is_told_closed_and_shown_as_one():
+    """What draws its form has values of its own in JSON, in the closed model's name and on the page."""
+    other = cause("warm_up").term
+    one = replace(cause("shupe"), form=(other,))
+    found = rate_finding(causes=(one,), terms=one.terms, learned=None, held_out=())
+    (facts,) = diagnosis_facts(Diagnosis("u", Model("m", (), WHITE), (found,), {}))["causes"]
+    assert [form["name"] for form in facts["form"]] == ["warm_up"]
+    assert list(facts["form"][0]["parameters"].values()) == list(other.values)
+    assert one.effects == {"shupe", "warm_up"} and one.terms == (one.term, other)
+    assert found.closing[:2] == ("shupe", "warm_up")
+    text = _text._rivals(one)
+    assert text == "; they follow the same, so one mechanism acts: shupe or warm_up (95 %)"
+    verdict = _gap._verdict(found, None)
+    assert verdict.headlines[0].label == "shupe or warm up" and verdict.headlines[0].value == "95"
+    row = _gap._cause_row(one, 1.0, "named")
+    assert "one mechanism with what follows the same: shupe or warm up, 95 %" in row.cells[2].text
+    assert "with warm up: " in row.cells[3].text
 
 
 def test_facts_of_a_rate_are_its_findings_under_their_names():

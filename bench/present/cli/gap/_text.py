@@ -94,6 +94,9 @@ def _said(cause: Cause[Any]) -> str:
 
 
 def _rivals(cause: Cause[Any]) -> str:
+    if cause.form:
+        names, chance = " or ".join(cause.one_of), f"{100 * cause.set_probability:.0f} %"
+        return f"; they follow the same, so one mechanism acts: {names} ({chance})"
     if len(cause.one_of) > 1:
         names, chance = ", ".join(cause.one_of[1:]), f"{100 * cause.set_probability:.0f} %"
         return f"; these runs cannot tell it from {names} (one of them: {chance})"
