@@ -31,10 +31,8 @@ _LEAST_NAMED = 0.8
 """Probability that one of a set acts, below which nothing is named."""
 _MOST_ALIKE = 4
 """Effects of a set that is named as one cause: where more could stand in a place, none is."""
-_SURE_ALONE, _SURE_SET = 0.8, 0.9
-"""Probability from which an effect stands alone, and from which a set of those that these runs cannot tell apart
-needs no further one.
-"""
+_SURE_SET = 0.9
+"""Probability from which an effect, or a set of those that these runs cannot tell apart, is left as it is."""
 
 
 def causes_of(
@@ -181,7 +179,7 @@ def _one_of(
     """Return an effect alone if it is sure, else with its likeliest alternatives until one surely acts."""
     names = [name]
     for other in alternatives:
-        if _of_any(weights, set(names)) >= (_SURE_ALONE if len(names) == 1 else _SURE_SET):
+        if _of_any(weights, set(names)) >= _SURE_SET:
             break
         names.append(other)
     return tuple(names)
