@@ -139,9 +139,8 @@ class Link:
             settings["exclusive"] = True
             usual = {"baudrate": 9600, "bytesize": 8, "parity": "N", "stopbits": 1}
             self.spoken = "{baudrate} Bd, {bytesize}{parity}{stopbits}".format(**usual | settings)
-            if is_pseudo_terminal(
-                url
-            ):  # it has no line; Linux sets no parity there and fails the second time
+            # a pseudo-terminal has no line: Linux sets no parity there, and fails the second time
+            if is_pseudo_terminal(url):
                 settings.pop("parity", None)
         self._settings = settings
         self._opening: Opening | None = None

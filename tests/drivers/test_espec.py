@@ -2,7 +2,6 @@
 
 import re
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,6 +13,7 @@ from drivers.espec.codec import Temperatures, decode_alarms, decode_temperatures
 from drivers.kit.instruments import ChamberLimits, Rest
 from simulators.emulators.espec import EspecEmulator
 from simulators.faults import Fault
+from tests.chamber_checks import check_any_record, check_record
 from tests.memory_link import ChamberPlant, MemoryLink, OpenConnection
 from tests.memory_link import scripted as answers
 
@@ -195,26 +195,9 @@ def test_make_safe_passes_over_answers_to_older_questions():
 
 def test_the_record_gives_the_telemetry_that_the_run_saw():
     chamber, wire, plant, _ = emulated()
-    chamber.start()
-    seen = []
-    for air in (20.04, -12.36, 40.0):
-        plant.air = air
-        wire.clock.sleep(1.0)
-        seen.append(chamber.state())
-    assert [state.air_temp_c for state in seen] == [20.0, -12.4, 40.0]
-    chamber.halt()
-    columns, counts = decode_transcript(iter(wire.exchanges))
-    assert counts == {"polls": 3, "damaged": 0}
-    np.testing.assert_array_equal(columns["air_temp_c"], [20.0, -12.4, 40.0])
-    assert columns["time_ns"].dtype == np.int64
-    damaged = [(at, way, data.replace(b"-12.4", b"-1\xff.4")) for at, way, data in wire.exchanges]
-    columns, counts = decode_transcript(iter(damaged))
-    assert counts == {"polls": 3, "damaged": 1}
-    np.testing.assert_array_equal(columns["air_temp_c"], [20.0, 40.0])
+    check_record(chamber, wire, plant, decode_transcript, [20.0, -12.4, 40.0], (b"-12.4", b"-1\xff.4"))
 
 
 @given(st.lists(st.tuples(st.sampled_from(["sent", "received"]), st.binary(max_size=30)), max_size=12))
 def test_a_record_of_random_bytes_decodes_to_nothing_and_raises_nothing(chunks):
-    exchanges = [(at, way, data) for at, (way, data) in enumerate(chunks)]
-    columns, _ = decode_transcript(exchanges)
-    assert len(columns["air_temp_c"]) == len(columns["time_ns"])
+    check_any_record(decode_transcript, chunks)

@@ -25,6 +25,7 @@ from drivers.thermotron.codec import (
 )
 from simulators.emulators.thermotron import ThermotronEmulator
 from simulators.faults import Fault
+from tests.chamber_checks import check_a_day, check_any_record, check_record
 from tests.memory_link import ChamberPlant, MemoryLink, OpenConnection
 from tests.memory_link import scripted as answers
 
@@ -204,19 +205,7 @@ def test_a_day_of_an_8800():
     assert (identity.maker, identity.model, identity.firmware) == ("Thermotron", "8800", "1.00")
     assert chamber.limits() == ChamberLimits(-75.0, 180.0)
     assert chamber.capabilities() == ChamberCapabilities(0.1, (0.1, 100.0), CHANNELS)
-    chamber.set_temperature(40.0, 5.0)
-    assert plant.demands[-1] == (40.0, 5.0, 5.0, False)
-    chamber.start()
-    assert plant.demands[-1] == (40.0, 5.0, 5.0, True)
-    state = chamber.state()
-    assert (state.air_temp_c, state.set_point_c, state.auxiliary_c) == (40.0, 40.0, {5: 50.123})
-    chamber.set_temperature(-45.0)
-    assert plant.demands[-1] == (-45.0, 100.0, 100.0, True)
-    assert chamber.alarms() == []
-    chamber.halt()
-    chamber.make_safe()
-    assert plant.demands[-1] == (23.0, 100.0, 100.0, False)
-    assert chamber.read_rest() == Rest(True, running=False, set_point_c=23.0)
+    check_a_day(chamber, plant, {5: 50.123}, fastest=100.0)
     assert wire.sent.count(b"STOP\r") == 1  # what halt sent was seen to be in force
     assert said(device, "SCOD?", wire.now_s) == "5" and chamber.alarms() == []
 
@@ -339,30 +328,14 @@ def test_on_rs485_every_line_begins_with_the_address():
 @pytest.mark.parametrize("address", [None, 7])
 def test_the_record_gives_the_telemetry_that_the_run_saw(address):
     chamber, wire, plant, _ = emulated(address=address, keys={"auxiliary": {13: "case"}})
-    chamber.start()
-    seen = []
-    for air in (20.04, -12.36, 40.0):
-        plant.air = air
-        wire.clock.sleep(1.0)
-        seen.append(chamber.state())
-    assert [state.air_temp_c for state in seen] == [20.04, -12.36, 40.0]
-    chamber.halt()
-    chamber.make_safe()
-    columns, counts = decode_transcript(iter(wire.exchanges))
-    assert counts == {"polls": 3, "damaged": 0}
-    np.testing.assert_array_equal(columns["air_temp_c"], [20.04, -12.36, 40.0])
+    damage = (b"-12.36", b"-1\xff.36")
+    columns = check_record(chamber, wire, plant, decode_transcript, [20.04, -12.36, 40.0], damage)
     np.testing.assert_array_equal(columns["aux_13_temp_c"], [130.123] * 3)
-    damaged = [(at, way, data.replace(b"-12.36", b"-1\xff.36")) for at, way, data in wire.exchanges]
-    columns, counts = decode_transcript(iter(damaged))
-    assert counts == {"polls": 3, "damaged": 1}
-    np.testing.assert_array_equal(columns["air_temp_c"], [20.04, 40.0])
 
 
 @given(st.lists(st.tuples(st.sampled_from(["sent", "received"]), st.binary(max_size=30)), max_size=12))
 def test_a_record_of_random_bytes_decodes_to_nothing_and_raises_nothing(chunks):
-    exchanges = [(at, way, data) for at, (way, data) in enumerate(chunks)]
-    columns, _ = decode_transcript(exchanges)
-    assert len(columns["air_temp_c"]) == len(columns["time_ns"])
+    check_any_record(decode_transcript, chunks)
 
 
 @given(st.lists(st.binary(max_size=12), max_size=8), st.sampled_from(["8200", "8800", "3800"]))

@@ -102,7 +102,8 @@ def _mechanisms(
 
     `does` is the energy that each takes away: the named one's probability is the part that it has of it. Two
     effects that both follow the rate of temperature change, or both are even in the rate, draw together what
-    neither formula has alone: one mechanism of another form is likelier than two.
+    neither formula has alone: one mechanism of another form is likelier than two. What could stand in a form's
+    place is in the set, by name only.
     """
     made: list[Cause[Term]] = []
     for cause in sorted(causes, key=lambda each: -does[each.name]):
@@ -118,8 +119,6 @@ def _mechanisms(
                     probability=min(main.probability, part * one_acts),
                     one_of=one_of,
                     set_probability=one_acts,
-                    alternatives={**cause.alternatives, **main.alternatives},
-                    rivals={**cause.rivals, **main.rivals},
                     form=form,
                 )
                 break

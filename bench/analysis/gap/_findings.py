@@ -66,6 +66,11 @@ class Cause(Generic[TermT]):
     form: tuple[TermT, ...] = ()
 
     @property
+    def acts(self) -> float:
+        """Probability that it acts, or one of those that these runs cannot tell from it."""
+        return self.set_probability if len(self.one_of) > 1 else self.probability
+
+    @property
     def terms(self) -> tuple[TermT, ...]:
         """What a closed model needs of it, the named effect first; none for one without values."""
         return () if self.term is None else (self.term, *self.form)

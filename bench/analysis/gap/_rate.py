@@ -137,7 +137,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
             causes, resembles = (), ()
         if not causes:
             # something is there, and no name for it is sure
-            unknown = max([unknown, *(cause.set_probability for cause in resembles)])
+            unknown = max([unknown, *(cause.acts for cause in resembles)])
         stochastic = _stochastic(ready.noise, runs) if unknown < 0.5 else {}
         stochastic = {**stochastic, **disturbed.probabilities}
         where = places(ready.cells, found.before, ready.floor)
@@ -275,7 +275,7 @@ def _doubted(finding: RateFinding, parts: Sequence[float], where: str) -> RateFi
         terms=tuple(term for term in finding.terms if all(term is not other for other in terms)),
         warnings=(*finding.warnings, f"not named, less than half of it is there {where}: {names}"),
         verdict="explained in part" if kept else "unknown",
-        unknown_probability=max(finding.unknown_probability, max(cause.probability for cause in gone)),
+        unknown_probability=max(finding.unknown_probability, max(cause.acts for cause in gone)),
     )
 
 

@@ -64,7 +64,7 @@ def _open_questions(found: RateFinding) -> Iterator[tuple[str, Sequence[Term], S
     doubtful = [cause for cause in found.causes if cause.rivals]
     for cause in doubtful:
         for name, rival in cause.rivals.items():
-            yield f"{cause.name} or {name}", cause.terms, (rival,)
+            yield f"{cause.name} or {name}", (cause.term,), (rival,)
     near = found.resembles[:1]
     other = near[0].name if near else "nothing"
     curves = {part.follows: part.term for part in found.unknown_parts if part.term is not None}

@@ -122,7 +122,7 @@ def _verdict(found: RateFinding, shrunk: Shrinkage | None) -> Verdict:
                 "The stimulus is constant in these runs; they cannot show what an effect depends on."
             ]
     headlines = [
-        Headline(_one_of(cause), fixed(100.0 * _probability(cause), 0), "%", note="probability")
+        Headline(_one_of(cause), fixed(100.0 * cause.acts, 0), "%", note="probability")
         for cause in found.causes
     ]
     if shrunk is not None and shrunk.cells:
@@ -143,11 +143,6 @@ def _verdict(found: RateFinding, shrunk: Shrinkage | None) -> Verdict:
 
 def _one_of(cause: Cause[Term]) -> str:
     return " or ".join(plain_name(name) for name in cause.one_of or (cause.name,))
-
-
-def _probability(cause: Cause[Term]) -> float:
-    """Return the probability that what `_one_of` names acts."""
-    return cause.set_probability if len(cause.one_of) > 1 else cause.probability
 
 
 def _rivals(cause: Cause[Term]) -> str:
@@ -171,11 +166,9 @@ def _cause_row(cause: Cause[Term], coarseness: float, status: str) -> Row:
     fitted = "; ".join([_fitted(cause.term, coarseness), *others])
     rivals = _rivals(cause)
     if cause.form:
-        status += (
-            f", one mechanism with what follows the same: {_one_of(cause)}, {100 * _probability(cause):.0f} %"
-        )
+        status += f", one mechanism with what follows the same: {_one_of(cause)}, {100 * cause.acts:.0f} %"
     elif len(cause.one_of) > 1:
-        status += f", or one of its alternatives: {100 * cause.set_probability:.0f} %"
+        status += f", or one of its alternatives: {100 * cause.acts:.0f} %"
     effect = cause.term.variant.effect
     note = f"{cause.meaning} Follows {effect.follows}. Source: {effect.source}."
     if rivals:

@@ -133,8 +133,8 @@ class StreamTimer:
         if self._step is None and len(step) > 1:
             self._step = float(np.median(step[1:])) if self.nominal_step != 1 else 1.0
         frame, arrival_s, self._mark_at = first_arrivals(marks, self._mark_at, end_offset)
-        if sum(map(len, self._gaps)) < _GAPS:
-            self._gaps.append(np.column_stack((np.diff(arrival_s), np.diff(frame))))
+        if (more := _GAPS - sum(map(len, self._gaps))) > 0:
+            self._gaps.append(np.column_stack((np.diff(arrival_s[: more + 1]), np.diff(frame[: more + 1]))))
         self._add_windows(count, step, frame, arrival_s)
         self._frames += len(counter)
 

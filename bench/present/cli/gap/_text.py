@@ -94,12 +94,11 @@ def _said(cause: Cause[Any]) -> str:
 
 
 def _rivals(cause: Cause[Any]) -> str:
+    chance = f"{100 * cause.acts:.0f} %"
     if cause.form:
-        names, chance = " or ".join(cause.one_of), f"{100 * cause.set_probability:.0f} %"
-        return f"; they follow the same, so one mechanism acts: {names} ({chance})"
+        return f"; they follow the same, so one mechanism acts: {' or '.join(cause.one_of)} ({chance})"
     if len(cause.one_of) > 1:
-        names, chance = ", ".join(cause.one_of[1:]), f"{100 * cause.set_probability:.0f} %"
-        return f"; these runs cannot tell it from {names} (one of them: {chance})"
+        return f"; these runs cannot tell it from {', '.join(cause.one_of[1:])} (one of them: {chance})"
     rivals = ", ".join(f"{name} {100 * value:.0f} %" for name, value in cause.alternatives.items())
     return f"; in its place could stand {rivals}" if rivals else ""
 
