@@ -7,8 +7,10 @@ import numpy as np
 from drivers.kit.instruments import Rest
 
 
-def check_a_day(chamber, plant, auxiliary_c, fastest):
-    """A ramp while it stands, a start, a step, then safe. `fastest`: the ramp that a step is told as."""
+def check_a_day(chamber, wire, plant, auxiliary_c, fastest, stop):
+    """A ramp while it stands, a start, a step, then safe. `fastest`: the ramp that a step is told as; `stop`:
+    bytes that a halt sends at once.
+    """
     chamber.set_temperature(40.0, 5.0)
     assert plant.demands[-1] == (40.0, 5.0, 5.0, False)
     chamber.start()
@@ -18,7 +20,9 @@ def check_a_day(chamber, plant, auxiliary_c, fastest):
     chamber.set_temperature(-45.0)
     assert plant.demands[-1] == (-45.0, fastest, fastest, True)
     assert chamber.alarms() == []
+    before = len(wire.sent)
     chamber.halt()
+    assert stop in wire.sent[before:]
     chamber.make_safe()
     assert plant.demands[-1] == (23.0, fastest, fastest, False)
     assert chamber.read_rest() == Rest(True, running=False, set_point_c=23.0)

@@ -149,7 +149,8 @@ def test_a_day_of_a_chamber(framed):
     assert (identity.maker, dict(identity.details)) == ("CTS", {"gradients, K/min": "999.9 up, 999.9 down"})
     assert chamber.capabilities() == ChamberCapabilities(0.1, (0.01, 999.9), (1, 2, 3, 4, 5, 6))
     assert chamber.limits().max_temp_c == float("inf")
-    check_a_day(chamber, plant, {2: 20.1}, fastest=0.0)
+    stop = encode_frame(1, "s1 0") if framed else b"s1 0"
+    check_a_day(chamber, wire, plant, {2: 20.1}, fastest=0.0, stop=stop)
     if framed:
         assert wire.sent.count(encode_frame(1, "s1 0")) == 1  # what halt sent was seen to be in force
     else:

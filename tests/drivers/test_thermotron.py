@@ -205,9 +205,22 @@ def test_a_day_of_an_8800():
     assert (identity.maker, identity.model, identity.firmware) == ("Thermotron", "8800", "1.00")
     assert chamber.limits() == ChamberLimits(-75.0, 180.0)
     assert chamber.capabilities() == ChamberCapabilities(0.1, (0.1, 100.0), CHANNELS)
-    check_a_day(chamber, plant, {5: 50.123}, fastest=100.0)
+    check_a_day(chamber, wire, plant, {5: 50.123}, fastest=100.0, stop=b"\rSTOP\r")
+    # what a stopped controller makes of a set point is not public: it is told again once it runs
+    assert wire.sent.rindex(b"SETP1,40.000\r") > wire.sent.index(b"RUNM\r")
     assert wire.sent.count(b"STOP\r") == 1  # what halt sent was seen to be in force
     assert said(device, "SCOD?", wire.now_s) == "5" and chamber.alarms() == []
+
+
+def test_one_that_was_started_again_after_the_halt_is_stopped_again():
+    chamber, wire, _, device = emulated()
+    chamber.identify()
+    chamber.set_temperature(40.0)
+    chamber.start()
+    chamber.halt()
+    device.receive(b"RUNM\r", wire.now_s)
+    chamber.make_safe()
+    assert chamber.read_rest() == Rest(True, running=False, set_point_c=23.0)
 
 
 def test_an_8200_tells_no_limits_and_no_alarms():

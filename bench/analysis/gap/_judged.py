@@ -246,10 +246,8 @@ def told_by_form(
 def same_driver(one: Effect, other: Effect) -> bool:
     """Return whether two effects follow the very same: one mechanism of another form may need both formulas.
 
-    Of rates, even functions are of one kind, and odd ones. The orders of a table's turn are kinds of their own.
+    Of rates, even functions are of one kind, and odd ones; else the inputs of temperature count.
     """
-    if Input.TURN in one.inputs | other.inputs:
-        return False
     if one.parity is not None and one.parity == other.parity:
         return True
     return one.unit == other.unit and one.inputs == other.inputs and bool(one.inputs & _TEMPERATURES)

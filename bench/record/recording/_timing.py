@@ -30,8 +30,8 @@ _RESTART_TOLERANCE_S = 0.02
 _EARLY_S = 0.25
 """A frame that comes earlier than the counter says by more than this is of a new count: the device restarted."""
 _SILENCE_S = 2.0
-_BATCH_S, _BATCHED = (2e-3, 0.25), 3.0
-"""Times between arrivals, and frames in each, from which they come in batches."""
+_BATCH_S, _BATCHED = 0.25, 3.0
+"""Longest time between batches, and frames in each from which they are batches."""
 _REGULAR, _GAPS = 0.25, 4096
 """Part by which most times between arrivals differ from the usual one at most; how many are looked at."""
 _RECENT = 8
@@ -245,7 +245,7 @@ class StreamTimer:
             return None
         usual_s, frames = np.median(gaps, axis=0).tolist()
         regular = float(np.mean(np.abs(gaps[:, 0] - usual_s) <= _REGULAR * usual_s))
-        if not _BATCH_S[0] <= usual_s <= _BATCH_S[1] or frames < _BATCHED or regular < 1.0 - _REGULAR:
+        if usual_s > _BATCH_S or frames < _BATCHED or regular < 1.0 - _REGULAR:
             return None
         return usual_s, frames
 

@@ -88,6 +88,18 @@ def test_angles_are_known_where_rows_begin_and_end():
     assert half.angles(3.5 * np.arange(40.0))[1] == pytest.approx(np.full(20, 7.0))
 
 
+def test_beside_a_hole_the_rate_at_a_border_is_that_of_the_side_that_is_there():
+    """7 deg/s until 30 s and 3 from 34 s on; how it turned in between nobody knows."""
+    time_s = 0.25 * np.arange(200.0)
+    turned = np.where(time_s <= 30.0, 7.0 * time_s, 500.0 + 3.0 * (time_s - 34.0))
+    kept = (time_s <= 30.0) | (time_s >= 34.0)
+    steps = Steps.of(time_s[kept], all_of(time_s[kept]))
+    _, rate = steps.angles(turned[kept])
+    first, last = np.flatnonzero(~steps.whole)[[0, -1]]
+    assert rate[first - 1 : first + 1] == pytest.approx([7.0, 7.0])
+    assert rate[last + 1 : last + 3] == pytest.approx([3.0, 3.0])
+
+
 def test_a_rate_at_a_border_is_that_of_the_table_also_while_it_changes():
     """A rate of t^3/100: two rows of 0.5 s beside a border have a mean that is off by t/400, four have none."""
     time_s = 0.5 * np.arange(41.0)

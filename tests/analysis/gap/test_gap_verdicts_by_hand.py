@@ -10,7 +10,14 @@ import numpy as np
 import pytest
 
 from bench.analysis.gap import Model, Noise, Shrinkage, Term
-from bench.analysis.gap._causes import _fitted, _nameable, _one_of, _rivals, causes_of
+from bench.analysis.gap._causes import (
+    _fitted,
+    _nameable,
+    _one_of,
+    _rivals,
+    causes_of,
+    models_with_and_without,
+)
 from bench.analysis.gap._data import Group
 from bench.analysis.gap._disturbed import Disturbed
 from bench.analysis.gap._evidence import Candidate, SetPosterior
@@ -156,6 +163,21 @@ def test_effects_of_one_driver_are_one_cause_with_the_weaker_one_as_its_form():
     assert [term.values[0] for term in one.terms] == pytest.approx([60.0, 20.0], rel=1e-6)
     assert one.set_probability == pytest.approx(0.95)
     assert one.probability == pytest.approx(0.95 * 240.0**2 / (240.0**2 + 40.0**2), rel=1e-6)
+
+
+def test_models_without_a_cause_lack_all_that_is_fitted_for_it():
+    found = found_of({frozenset({"shupe", "warm_up"}): (1.0, 0.0)}, rows_of())
+    found.data.noise = SimpleNamespace(noise=WHITE)
+
+    def names(among, gone):
+        models = models_with_and_without(found, VARIANTS, MODEL, gone, among)
+        return [[term.name for term in model.terms] for model in models]
+
+    both = {"shupe", "warm_up"}
+    assert names(both, [{"shupe"}, both]) == [
+        ["bias_linear", "shupe", "warm_up"], ["bias_linear", "warm_up"], ["bias_linear"]
+    ]  # fmt: skip
+    assert names({"shupe"}, []) == [["bias_linear", "shupe"]]
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import re
@@ -88,8 +89,14 @@ def test_a_procedure_measures_the_scale_factor_of_the_emulated_unit(tmp_path: Pa
             f'[limits."my-test.scale_factor_error"]\nunit = "ppm"\nlow = -2000\nhigh = {high}\n'
         )
         # The second time `runs/*` names the first certificate, too.
-        command = "gyrobench report runs/* --limits limits.toml"
-        assert subprocess.run(["bash", "-c", command], cwd=place, env=shell()).returncode == code
+        command = "gyrobench report runs/* --limits limits.toml --atml --json"
+        ended = subprocess.run(
+            ["bash", "-c", command], cwd=place, env=shell(), capture_output=True, text=True
+        )
+        assert ended.returncode == code
+        told = Path(json.loads(ended.stdout.splitlines()[-1])["atml"])
+        outcome = "Passed" if code == 0 else "Failed"
+        assert f'<tr:Outcome value="{outcome}" />' in (place / told).read_text(encoding="utf-8")
     assert verify(run.place, decode_run).passed
     (run.place / "procedure.py").write_text("# another\n")
     assert [problem.path for problem in verify(run.place, decode_run).problems] == ["procedure.py"]

@@ -11,6 +11,7 @@ from lxml import etree
 
 from bench.present.report import write_atml
 from bench.present.report._certificate import CertificateContent
+from bench.record.recording import EmulatedLab
 from drivers.base.errors import ConfigurationError
 
 NAMES = {
@@ -50,6 +51,7 @@ def test_every_figure_reads_back_with_its_limits_interval_and_outcome(tree: etre
     assert set(found(tree, f"{data}/@xsi:type")) == {"c:double"}
     ends = found(tree, f"{data}/c:ErrorLimits/c:LimitPair/c:Limit/c:Datum/@value")
     assert [float(end) for end in ends] == [0.4, 0.6, 11.0, 14.0]
+    assert set(found(tree, f"{data}/c:Confidence/text()")) == {"95.0"}
     limits = f"{tests}/tr:TestResult/tr:TestLimits/tr:Limits"
     assert found(tree, f"{limits}/c:LimitPair/c:Limit/@comparator") == ["GE", "LE"]
     assert [float(end) for end in found(tree, f"{limits}/c:LimitPair/c:Limit/c:Datum/@value")] == [-1.0, 1.0]
@@ -68,6 +70,24 @@ def test_unit_bench_and_times_are_told(tree: etree._ElementTree) -> None:
     assert (started, ended) == ("2026-03-01T23:00:00.000+00:00", "2026-03-02T01:00:00.000+00:00")
     assert found(tree, f"{RESULTS}/tr:ResultSet/tr:Outcome/@value") == ["Failed"]
     assert "guard band" in found(tree, f"{RESULTS}/tr:ResultSet/tr:Description/text()")[0]
+
+
+def test_what_fails_what_is_not_seen_and_what_is_emulated_are_told(
+    tmp_path: Path, small_certificate: CertificateContent
+) -> None:
+    (unit,), (run,) = small_certificate.units, small_certificate.runs
+    failed = replace(unit.figures[0], values={"r": 3.0}, intervals={"r": (2.9, 3.1)})
+    unseen = replace(unit.figures[0], unseen=frozenset({"r"}))
+    emulated = replace(
+        run, manifest=run.manifest.model_copy(update={"emulated": EmulatedLab(seed=1, model="m")})
+    )
+    content = replace(small_certificate, units=[replace(unit, figures=[failed, unseen])], runs=[emulated])
+    tree = etree.parse(write_atml(tmp_path / "c.xml", content))
+    assert found(tree, "//tr:Test/tr:Outcome/@value") == ["Failed", "Passed"]
+    assert found(tree, "//tr:ResultSet/@simulated") == ["true"]
+    assert "not valid for a real unit" in found(tree, "//tr:ResultSet/tr:Description/text()")[0]
+    ((said,),) = [found(tree, "//tr:Test[2]/tr:TestResult/tr:Description/text()")]
+    assert "does not show it" in said and not found(tree, "//tr:Test[1]/tr:TestResult/tr:Description")
 
 
 def test_what_is_no_number_is_written_as_the_schema_says(

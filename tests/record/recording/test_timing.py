@@ -274,3 +274,15 @@ def test_batches_of_an_adapter_leave_a_tenth_of_a_sample(rate_hz, batch_s):
     assert rate_hz * np.sqrt(np.mean((1e-9 * timing.time_ns(number) - truth_s) ** 2)) < 0.1
     named = [text for text in timing.warnings if f"in batches of {1e3 * batch_s:.3g} ms" in text]
     assert len(named) == (batch_s == 0.016 and rate_hz >= 250.0)
+
+
+def test_a_busy_reader_that_comes_at_odd_times_is_no_adapter():
+    """Reads a tenth of a second apart on average: ten frames of 100 Hz at a time, or one, or thirty."""
+    rng = np.random.default_rng(6)
+    number = np.arange(30_000)
+    reads = np.cumsum(rng.exponential(10.0, 3000)).astype(np.int64)
+    last = np.unique(np.append(reads[reads < 29_999], 29_999))
+    timer = StreamTimer(65536, 1, 100.0)
+    marks = np.column_stack((FRAME * (last + 1), last * 10_000_000))
+    timer.feed(number % 65536, FRAME * (number + 1), marks)
+    assert not [text for text in timer.fit().warnings if "batches" in text]

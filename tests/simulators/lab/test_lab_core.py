@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simulators.interfaces import Reply, StreamBlock
+from simulators.lab._adapter import Adapter
 from simulators.lab._control_channel import ControlChannel
 from simulators.lab._core import Lab
 from simulators.lab._ports import PtyPort, TcpPort
@@ -94,6 +95,19 @@ def test_an_advance_stops_at_the_first_byte_on_the_port_that_is_waited_for():
     marks = lab.advance(10_000_000_000, stop_port=1)
     assert lab.now_ns == 1_000_000_000
     assert marks == [(1, k, k * 100_000_000) for k in range(1, 11)]
+
+
+def test_what_an_adapter_held_is_gone_when_its_port_was_shut():
+    """A byte every 100 ms, handed over every 350 ms: that of 0.4 s is held when the port is shut."""
+    ticker, port = Ticker(), MemoryPort("gyro")
+    adapters = {"gyro": Adapter(0.35)}
+    lab = Lab(Plant(), [port], {"gyro": ticker}, {"gyro": ticker}, delivery_s=0.1, adapters=adapters)
+    marks = lab.advance(400_000_000)
+    assert marks == [(0, 3, 350_000_000)] and port.data == bytes(3)
+    port.is_open = False
+    lab.advance(900_000_000)
+    port.is_open = True
+    assert lab.advance(1_100_000_000) == [(0, 4, 1_050_000_000)] and port.data == bytes(4)
 
 
 def test_a_closed_port_gets_nothing():
