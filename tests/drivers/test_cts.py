@@ -21,7 +21,7 @@ from drivers.cts.codec import (
     gradient_text,
     set_text,
 )
-from drivers.kit.instruments import ChamberCapabilities
+from drivers.kit.instruments import ChamberCapabilities, Rest
 from simulators.emulators.cts import CtsEmulator
 from simulators.faults import Fault
 from tests.chamber_checks import check_a_day, check_any_record, check_record
@@ -215,6 +215,24 @@ def test_every_frame_has_the_address_and_others_answers_are_not_taken():
 def test_something_else_on_a_line_of_frames_is_no_cts(reply):
     with pytest.raises(WrongDevice):
         chamber_on(scripted(reply)).identify()
+
+
+@pytest.mark.parametrize("framed", [True, False])
+def test_one_that_was_started_again_after_the_halt_is_stopped_again(framed):
+    chamber, wire, _, device = emulated(framed)
+    chamber.identify()
+    chamber.set_temperature(40.0)
+    chamber.start()
+    chamber.halt()
+    device.receive(encode_frame(1, "s1 1") if framed else b"s1 1", wire.now_s)
+    chamber.make_safe()
+    assert chamber.read_rest() == Rest(True, running=False, set_point_c=23.0)
+
+
+def test_an_answer_to_another_question_is_not_taken():
+    """A late A1 in place of A0: its number is not the air's."""
+    with pytest.raises(ProtocolError, match=r"Found: 'A1 077\.7 023\.0'"):
+        chamber_on(scripted(encode_frame(1, "A1 077.7 023.0"))).state()
 
 
 def test_a_door_cannot_be_asked_for_where_nothing_ends_its_answer():
