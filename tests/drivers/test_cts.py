@@ -235,6 +235,16 @@ def test_an_answer_to_another_question_is_not_taken():
         chamber_on(scripted(encode_frame(1, "A1 077.7 023.0"))).state()
 
 
+def test_a_set_point_is_confirmed_by_its_own_letter():
+    """What else answers it, as a start's s1, confirms nothing; there is nothing to read it back from."""
+    chamber, wire, _, _ = emulated()
+    chamber.set_temperature(30.0, 2.0)
+    replies = [data for _, way, data in wire.exchanges if way == "received"]
+    chamber_on(scripted(*replies)).set_temperature(30.0, 2.0)
+    with pytest.raises(ProtocolError, match="an answer that begins with a"):
+        chamber_on(scripted(*replies[:-1], *[encode_frame(1, "s1")] * 9)).set_temperature(30.0, 2.0)
+
+
 def test_a_door_cannot_be_asked_for_where_nothing_ends_its_answer():
     (mistake,) = CtsConfig.mistakes({"port": "socket://10.0.0.1:1080", "door_channel": 7})
     assert (mistake.key, mistake.expected) == ("door_channel", "none without frames")
