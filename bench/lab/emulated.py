@@ -12,13 +12,14 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import ErrorDetails
 
 from bench.lab._process import LabProcess
 from bench.record.benchfile import BenchFile, Emulated
 from drivers.base.errors import BenchError, ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded, replace_file
-from drivers.kit.config import GyroConfig, Mounting
+from drivers.kit.config import GyroConfig, Mistake, Mounting, refusal
 from simulators.config import Bearing, GyroInLab, InstrumentInLab, LabConfig, PlatformInLab, Rotation
 from simulators.faults import Fault
 
@@ -248,15 +249,27 @@ def load_plant(path: Path | None, seed: int | None = None) -> Plant:
         return Plant().model_copy(update=seeded)
     try:
         plant = Plant.model_validate(parse_toml(read_bounded(path, SETTINGS_BYTES)))
+    except ValidationError as error:
+        raise refusal("the plant file", str(path), [_mistake(each) for each in error.errors()]) from error
     except (OSError, ValueError) as error:
         raise ConfigurationError(
             "the plant file cannot be used",
             where=str(path),
             found=str(error),
-            expected="keys of the plant file",
+            expected="a TOML file",
         ) from error
     models = {unit: path.parent / file for unit, file in plant.gap_model.items()}
     return plant.model_copy(update={"gap_model": models, **seeded})
+
+
+def _mistake(details: ErrorDetails) -> Mistake:
+    key, at_top = ".".join(map(str, details["loc"])), len(details["loc"]) == 1
+    if details["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+        known = "one of " + ", ".join(sorted(Plant.model_fields)) if at_top else "no such key there"
+        return Mistake(key, "an unknown key", known)
+    if details["type"] in ("missing", "missing_argument"):
+        return Mistake(key, "nothing", "a value")
+    return Mistake(key, repr(details["input"]), details["msg"].removeprefix("Input should be "))
 
 
 def lab_config(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bench.lab.emulated import Plant
+from bench.lab.emulated import Plant, load_plant
 from bench.record.recording import Run, read_exchanges, read_manifest
 from drivers.base.errors import ConfigurationError
 from simulators.interfaces import StreamBlock
@@ -141,6 +141,19 @@ def test_what_an_adapter_hands_over_in_batches_is_timed_by_the_counter(bench, fo
         text for text in runs["batched"][0].warnings if "in batches of 100 ms, about 10 at a time" in text
     ]
     assert len(said) == (batch_ms == 100.0)
+
+
+def test_a_plant_file_is_told_all_that_is_wrong_with_it(tmp_path):
+    (tmp_path / "plant.toml").write_text(
+        'sed = 3\nadapter_batch_ms = { fog_1 = 0 }\n[[fault]]\nport = "fog_1"\nkind = "vanish"\nwhen = 3\n'
+    )
+    with pytest.raises(ConfigurationError) as refused:
+        load_plant(tmp_path / "plant.toml")
+    said = str(refused.value)
+    assert "3 mistakes in the plant file" in said and "pydantic" not in said
+    assert "adapter_batch_ms.fog_1: found 0, expected greater than 0" in said
+    assert "sed: found an unknown key, expected one of actual, adapter_batch_ms" in said
+    assert "fault.0.when: found an unknown key" in said
 
 
 def test_an_adapter_of_no_unit_is_refused(bench, fog_file):

@@ -120,12 +120,22 @@ def test_the_bearing_and_the_ripple_are_the_plant_file_s(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    "text",
-    ["[bearing.INS-001]", "[bearing.INS-001]\nlines_arcsec = [[2, 1]]", "[rotation]\nripple_once_ppm = -1"],
+    ("text", "said"),
+    [
+        (
+            "[bearing.INS-001]",
+            "bearing.INS-001.lines_arcsec cannot be used. Found: nothing. Expected: a value",
+        ),
+        ("[bearing.INS-001]\nlines_arcsec = [[2, 1]]", "lines_arcsec.0.2 cannot be used. Found: nothing"),
+        (
+            "[rotation]\nripple_once_ppm = -1",
+            "ripple_once_ppm cannot be used. Found: -1. Expected: greater than",
+        ),
+    ],
 )
-def test_a_bearing_that_is_none_is_refused(text: str, tmp_path: Path) -> None:
+def test_a_bearing_that_is_none_is_refused(text: str, said: str, tmp_path: Path) -> None:
     (tmp_path / "plant.toml").write_text(text, encoding="utf-8")
-    with pytest.raises(ConfigurationError, match="the plant file cannot be used"):
+    with pytest.raises(ConfigurationError, match=re.escape(said)):
         load_plant(tmp_path / "plant.toml")
 
 
