@@ -413,12 +413,16 @@ def test_where_no_cause_is_sure_what_resembles_one_is_unknown(monkeypatch, resem
     signal, model = _rate.RateSignal(), Model("m", (), WHITE)
     data = signal.prepare(runs, model)
     sets = signal.which(data)
-    cause = Cause("shupe", "", 0.9, None, {}, set_probability=resembling)
+    pair = ("shupe", "warm_up")
+    cause = Cause("shupe", "", 0.2, None, {}, one_of=pair, set_probability=resembling)
     monkeypatch.setattr(_rate, "causes_of", lambda *_: ((), (cause,)))
     monkeypatch.setattr(_rate, "set_weights", lambda _: {frozenset({"shupe"}): (0.95, 0.05)})
     found = signal.finding(data, sets)
     assert found.unknown_probability == pytest.approx(unknown, abs=0.01)
     assert found.resembles == (cause,) and not found.causes
+    alone = Cause("shupe", "", resembling, None, {}, one_of=("shupe",), set_probability=resembling)
+    monkeypatch.setattr(_rate, "causes_of", lambda *_: ((), (alone,)))
+    assert signal.finding(data, sets).unknown_probability == pytest.approx(unknown, abs=0.01)
     monkeypatch.setattr(
         _rate, "set_weights", lambda _: {frozenset(): (0.2, 0.0), frozenset({"shupe"}): (0.8, 0.0)}
     )
