@@ -338,6 +338,7 @@ def _source(section: GyroConfig | PlatformConfig, start_offset: int) -> StreamSo
         f"gyro {section.name}, axis under test {section.axis}",
         start_offset,
         None if section.on_can else section.baudrate,
+        section.pulse_interval_s,
     )
 
 
@@ -351,7 +352,7 @@ def _gyro_values(
     if kind.accelerations is not None:
         forces = kind.accelerations(section, columns, sample_rate_hz)
         named |= {f"accelerometer_{axis}_mps2": force for axis, force in forces.items()}
-    named["temp_c"] = columns["temp_c"]
+    named |= {name: columns[name] for name in ("temp_c", "since_pulse_s") if name in columns}
     if kind.temperatures is not None:
         named |= kind.temperatures(section, columns, sample_rate_hz)
     return {name: np.asarray(column, dtype=np.float32) for name, column in named.items()}

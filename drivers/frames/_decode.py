@@ -61,7 +61,8 @@ class FrameDecoder:
 
     Columns, (n,): `counter` int64 (without one in the frame: frames by the bytes that went by, so that damage
     leaves a gap); `status` as sent; `valid` bool: status bits of severity "error" and valid bits are good for the
-    unit's axes, and its rates are numbers; `temp_c` and, where sent, `case_temp_c`, float32; gyro channels,
+    unit's axes, and its rates are numbers; `temp_c` and, where sent, `case_temp_c`, float32; `since_pulse_s`
+    float64, where sent: time since the last pulse at the unit's trigger input, by its own clock; gyro channels,
     accelerations and temperatures under their own names in their own units (a cumulative angle as the
     increment of one sample, NaN for the first). Other messages of the description are read and dropped.
     """
@@ -227,9 +228,14 @@ class _Plan:
         ordered = sorted(self._temps, key=lambda spec: spec.axis != axis)
         self._temp = ordered[0] if ordered else None
         self._case = next((spec for spec in form.fields if spec.role == "case_temp"), None)
+        self._pulse = next((spec for spec in form.fields if spec.role == "since_pulse"), None)
         kept = [
             *self._gyros,
-            *(spec for spec in form.fields if spec.role in (*ACCEL_ROLES, "temp", "case_temp")),
+            *(
+                spec
+                for spec in form.fields
+                if spec.role in (*ACCEL_ROLES, "temp", "case_temp", "since_pulse")
+            ),
         ]
         self._kept = list({spec.name: spec for spec in kept}.values())
         self._good: dict[str, tuple[int, int]] = {}
@@ -289,6 +295,8 @@ class _Plan:
         )
         if self._case is not None:
             columns["case_temp_c"] = celsius(self._case, columns)
+        if self._pulse is not None:
+            columns["since_pulse_s"] = columns.pop(self._pulse.name) * factor(self._pulse.unit)
         return columns
 
 

@@ -32,7 +32,7 @@ class FramesConfig(GyroConfig):
     description: str | dict[str, Any] = key(
         description="a frame description: a name that `gyrobench frames list` shows, or a path to a TOML file",
     )
-    reads: ClassVar[frozenset[str]] = frozenset({"description", "settings"})
+    reads: ClassVar[frozenset[str]] = frozenset({"description", "settings", "pulse_interval_s"})
 
     @property
     def technology(self) -> Literal["fog", "rlg", "mems"]:

@@ -24,6 +24,7 @@ Role = Literal[
     "counter",
     "status",
     "time",
+    "since_pulse",
     "aux",
 ]
 GYRO_ROLES = ("rate", "delta_angle", "cumulative_angle")

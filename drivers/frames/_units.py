@@ -51,6 +51,7 @@ QUANTITY_OF_ROLE = {
     "delta_velocity": "velocity",
     "temp": "temperature",
     "case_temp": "temperature",
+    "since_pulse": "time",
 }
 """Role -> the quantity that its unit must measure."""
 

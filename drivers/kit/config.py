@@ -281,12 +281,20 @@ class GyroConfig(UnderTestConfig):
     rate_hz: float = key(
         default=100.0, gt=0, le=20_000, allow_inf_nan=False, description="the sample rate in Hz"
     )
+    pulse_interval_s: float = key(
+        default=1.0,
+        gt=0,
+        le=3600,
+        allow_inf_nan=False,
+        description="seconds from pulse to pulse at the unit's trigger input, where its message tells of them",
+    )
     case_sensor: int | None = key(
         default=None, ge=1, description="the number of the chamber's auxiliary sensor on the unit's case"
     )
 
     reads: ClassVar[frozenset[str]] = frozenset()
-    """Which of `description`, `settings` and `layout` the driver reads; given to another, they are a mistake."""
+    """Which of `description`, `settings`, `layout` and `pulse_interval_s` the driver reads; given to another,
+    they are a mistake."""
     only_on_can: ClassVar[bool] = False
     """Whether the driver has no serial port."""
 
@@ -310,6 +318,8 @@ class GyroConfig(UnderTestConfig):
             yield Mistake("settings", driver, "settings only of a described gyro")
         if given.get("layout") is not None and "layout" not in cls.reads:
             yield Mistake("layout", driver, "a layout only with driver 'can_dbc'")
+        if given.get("pulse_interval_s", 1.0) != 1.0 and "pulse_interval_s" not in cls.reads:
+            yield Mistake("pulse_interval_s", driver, "the interval only of a unit that tells of pulses")
 
 
 class PlatformConfig(UnderTestConfig):

@@ -39,7 +39,7 @@ def family(settings: Mapping[str, str] | None = None) -> FrameFamily:
 class Stim300Config(GyroConfig):
     """`[[gyro]]` of a STIM300; `settings` are those of the frame description `stim300`."""
 
-    reads: ClassVar[frozenset[str]] = frozenset({"settings"})
+    reads: ClassVar[frozenset[str]] = frozenset({"settings", "pulse_interval_s"})
 
     @property
     def message(self) -> str:

@@ -35,7 +35,8 @@ class FrameEmulator:
     Its clock is fast by `clock_error_ppm`: sample k is complete (k + 1) / rate / (1 + clock_error_ppm * 1e-6)
     after `start_s`, and its frame is out one transmission time later. Gyro channels, accelerations,
     temperatures, counter and time are filled from the plant; every other field has its usual value. Axes that
-    the plant has no gyro for show what they truly turn through.
+    the plant has no gyro for show what they truly turn through. Pulses reach its trigger input at whole multiples
+    of `pulse_interval_s` of lab time; it tells by its own clock how long ago the last was.
     """
 
     def __init__(
@@ -49,6 +50,7 @@ class FrameEmulator:
         message: str | None = None,
         clock_error_ppm: float = 0.0,
         start_s: float = 0.0,
+        pulse_interval_s: float = 1.0,
     ) -> None:
         """Raise ConfigurationError for a rate the line cannot carry, and axes that the plant does not have."""
         self._plant = plant
@@ -71,6 +73,7 @@ class FrameEmulator:
         self._send_s = self._length * bits_a_byte(family) / baudrate
         self._samples_per_mark = max(1, int(rate_hz / _MARKS_PER_S))
         self._start_s = start_s
+        self._pulse_interval_s = pulse_interval_s
         self._sent = 0
         self._turned: dict[str, float] = {}
         channels(family, self._form, axes)
@@ -138,6 +141,9 @@ class FrameEmulator:
                 values[spec.name] = (numbers - 1) % (1 << spec.bits[1])
             elif spec.role == "time" and spec.usual is None:  # a latency is no clock: it has its usual value
                 values[spec.name] = numbers / self._rate_hz / unit
+            elif spec.role == "since_pulse":
+                since_s = np.mod(self._start_s + numbers * self._period_s, self._pulse_interval_s)
+                values[spec.name] = since_s / (self._rate_hz * self._period_s) / unit
             elif spec.role in ("rate", "delta_angle", "cumulative_angle") and axis:
                 angle_deg = np.degrees(signal.angle_rad(axis))
                 if spec.role == "rate":
@@ -187,6 +193,7 @@ def emulator(config: FramesConfig, plant: GyroPlant, installed: Installation) ->
         baudrate=config.baudrate,
         message=config.frame_format,
         clock_error_ppm=installed.clock_error_ppm,
+        pulse_interval_s=config.pulse_interval_s,
     )
 
 

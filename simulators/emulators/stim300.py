@@ -51,6 +51,7 @@ class Stim300Emulator:
         clock_error_ppm: float = 0.0,
         settings: Mapping[str, str] | None = None,
         ordered: Mapping[str, str] | None = None,
+        pulse_interval_s: float = 1.0,
     ) -> None:
         """Raise ConfigurationError for axes that the plant does not have."""
         self._plant = plant
@@ -58,6 +59,7 @@ class Stim300Emulator:
         self._axes = axes
         self._baudrate = baudrate
         self._clock_error_ppm = clock_error_ppm
+        self._pulse_interval_s = pulse_interval_s
         self._flash = _AS_DELIVERED | dict(settings or {})
         self._ordered = {name: words for name, words in (ordered or {}).items() if name not in OUTPUTS}
         self._settings = dict(self._flash)
@@ -112,6 +114,7 @@ class Stim300Emulator:
             message=self._message(),
             clock_error_ppm=self._clock_error_ppm,
             start_s=at_s,
+            pulse_interval_s=self._pulse_interval_s,
         )
 
     def _enter(self, now_s: float) -> list[Reply]:
@@ -256,4 +259,5 @@ def emulator(config: Stim300Config, plant: GyroPlant, installed: Installation) -
         clock_error_ppm=installed.clock_error_ppm,
         settings=before.settings if isinstance(before, Stim300Emulator) else None,
         ordered=config.settings,
+        pulse_interval_s=config.pulse_interval_s,
     )

@@ -149,6 +149,19 @@ def show(run: RunArgument, as_json: Json = False) -> None:
         for name, stream in manifest.stream.items()
     ]
     console.table(("gyro", "frames", "lost", "rejected", "sample rate Hz", "clock error ppm"), streams)
+    pulses = [
+        (
+            name,
+            str(found["pulses"]),
+            str(found["missed"]),
+            *(_clock(found, clock) for clock in ("unit", "bench")),
+        )
+        for name, stream in manifest.stream.items()
+        if (found := stream.get("pulses"))
+    ]
+    if pulses:
+        heads = ("gyro", "pulses", "missed", "unit's clock off by ppm", "bench's clock off by ppm")
+        console.table(heads, pulses)
     if not url_of(run) and (notes := read_notes(run)):
         console.table(
             ("noted", "by", "note"),
@@ -308,6 +321,11 @@ def _bar() -> Iterator[Callable[[int, int], None]]:
                 bar.update(bar.task_ids[0], completed=done)
 
         yield show
+
+
+def _clock(pulses: Mapping[str, Any], clock: str) -> str:
+    error, uncertainty = (pulses.get(f"{clock}_clock_{what}_ppm") for what in ("error", "uncertainty"))
+    return "-" if error is None or uncertainty is None else f"{error:+.4f} ± {uncertainty:.1g}"
 
 
 def _lost(stream: Mapping[str, Any]) -> str:

@@ -49,6 +49,14 @@ def significant(value: float | None, digits: int = 3) -> str:
     return fixed(value, _decimals(value, digits))
 
 
+def with_uncertainty(value: float | None, uncertainty: float | None) -> str:
+    """Return a value and its standard uncertainty, both with the decimals of two digits of the latter."""
+    if value is None or uncertainty is None or not known(value) or not known(uncertainty):
+        return DASH
+    decimals = min(_decimals(uncertainty, 2), 4) if uncertainty > 0.0 else 4
+    return f"{fixed(value, decimals)} ± {fixed(uncertainty, decimals)}"
+
+
 def column(values: Iterable[float | None], digits: int = 3, most: int = 4) -> tuple[str, ...]:
     """Return a column with common decimals: `digits` significant for its smallest value, at most `most`."""
     cells = tuple(values)

@@ -15,6 +15,7 @@ from bench.present.report._numbers import (
     plain,
     significant,
     unit_text,
+    with_uncertainty,
 )
 from bench.present.report._page import Block, Cell, Fact, Facts, Row, Section, Table, Tone, named
 from bench.present.report._run_content import RunContent
@@ -147,6 +148,43 @@ def streams_table(runs: Sequence[RunContent]) -> Table:
     return Table(heads, rows, caption)
 
 
+def _pulse_tables(runs: Sequence[RunContent]) -> list[Table]:
+    """Return what pulses at the units' trigger inputs say of the clocks; nothing where no unit tells of them."""
+    rows = []
+    for run in runs:
+        for gyro, stream in run.manifest.stream.items():
+            if not (pulses := stream.get("pulses")):
+                continue
+            unit, bench = (
+                (pulses.get(f"{clock}_clock_error_ppm"), pulses.get(f"{clock}_clock_uncertainty_ppm"))
+                for clock in ("unit", "bench")
+            )
+            scatter_s = pulses.get("scatter_s")
+            row = named(
+                run.run_id,
+                gyro,
+                fixed(pulses.get("pulses"), 0),
+                fixed(pulses.get("missed"), 0),
+                *(with_uncertainty(*clock) for clock in (unit, bench)),
+                significant(None if scatter_s is None else 1e6 * scatter_s, 2),
+            )
+            rows.append(row)
+    heads = [
+        "Run",
+        "Gyro",
+        ">Pulses",
+        ">Missed",
+        ">Unit's clock [ppm]",
+        ">Bench's clock [ppm]",
+        ">Scatter [µs]",
+    ]
+    caption = (
+        "Clocks against the pulses at the units' trigger inputs, positive when fast, ± the standard uncertainty. "
+        "The scatter is that of the pulses about a line, by the unit's clock."
+    )
+    return [Table(heads, rows, caption)] if rows else []
+
+
 def devices_table(runs: Sequence[RunContent]) -> list[Block]:
     """Return the devices that took part, as they identified themselves, each once."""
     devices = dict.fromkeys(
@@ -179,7 +217,7 @@ def record_sections(
     """Return what every report says of its runs' records: streams (with `terms`), devices, `provenance`."""
     streams = streams_table(runs)
     return [
-        Section("Streams", [streams, *(terms if streams.rows else [])]),
+        Section("Streams", [streams, *_pulse_tables(runs), *(terms if streams.rows else [])]),
         Section("Devices", devices_table(runs)),
         Section("Provenance", provenance),
     ]

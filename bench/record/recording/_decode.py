@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from bench.record.events.run import UnitsOff, UnitsOn
 from bench.record.recording._events import Line
 from bench.record.recording._manifest import StreamReport
+from bench.record.recording._pulses import PulseTimer, warnings_of
 from bench.record.recording._raw import (
     first_arrivals,
     missing_tail,
@@ -44,7 +45,8 @@ class StreamSource:
     `name` is that of unit and port, `decoder` makes a fresh decoder. `values` makes what the table holds beside
     time, counter, losses and status, (n,) each, of decoded columns and the true sample rate in Hz.
     `start_offset`: bytes on the port before the stream began (answers to configuration). `baudrate`: of a serial
-    port, to take the time on the wire off; None where a frame is stamped when it is complete.
+    port, to take the time on the wire off; None where a frame is stamped when it is complete. `pulse_interval_s`:
+    from pulse to pulse at the unit's trigger input, where `since_pulse_s` is among the decoded columns.
     """
 
     role: Role
@@ -54,6 +56,7 @@ class StreamSource:
     description: str = ""
     start_offset: int = 0
     baudrate: int | None = None
+    pulse_interval_s: float = 1.0
 
     @property
     def table(self) -> str:
@@ -154,8 +157,11 @@ def _write_table(
 ) -> StreamReport:
     decoder = source.decoder()
     unwrap = Unwrapper(decoder.counter_modulo)
-    frames = lost = off = duplicates = invalid = 0
+    frames = lost = off = duplicates = invalid = first = 0
     last: int | None = None
+    restarts = timing.corrections[timing.corrections[:, 1] % decoder.counter_modulo != 0, 0]
+    tick_s = 1.0 / (decoder.nominal_rate_hz * decoder.counter_step)
+    pulses = PulseTimer(tick_s, source.pulse_interval_s, restarts)
     with table_writer(target, source.description) as writer:
         rows = _Rows(loss_taints(decoder))
         for batch in _batches(path, source, decoder):
@@ -175,6 +181,9 @@ def _write_table(
                 }
             )
             writer.write(table)
+            if "since_pulse_s" in batch.columns:
+                pulses.feed(count, batch.columns["since_pulse_s"])
+            first = first if last is not None else int(count[0])
             last = int(count[-1])
             frames += len(batch)
             lost += int(lost_before.sum())
@@ -183,6 +192,7 @@ def _write_table(
             invalid += int((~table["valid"]).sum())
         writer.write(rows.kept)
         invalid += int((~rows.kept["valid"]).sum())
+    told = pulses.report(timing, ((last or first) - first) * timing.period_s)
     return replace(
         report,
         lost=lost - off,
@@ -192,7 +202,8 @@ def _write_table(
         sample_rate_hz=timing.sample_rate_hz,
         clock_error_ppm=timing.clock_error_ppm,
         residual_s=timing.residual_s,
-        warnings=(*report.warnings, *timing.warnings),
+        pulses=told,
+        warnings=(*report.warnings, *timing.warnings, *warnings_of(told)),
     )
 
 

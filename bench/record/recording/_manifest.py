@@ -315,12 +315,33 @@ Count = Annotated[int, Field(strict=True, ge=0, lt=1 << 63)]
 
 
 @dataclass(frozen=True)
+class PulseReport:
+    """The pulses at a unit's trigger input and what they say of the clocks; a clock's error is > 0 if it is fast.
+
+    `missed` pulses are between those that came, `interval_s` from one to the next. `scatter_s`: standard
+    deviation of their instants by the unit's clock about a line. Uncertainties are standard ones. None: too few.
+    """
+
+    __pydantic_config__: ClassVar = ConfigDict(strict=False)
+
+    pulses: Count = 0
+    missed: Count = 0
+    interval_s: Number | None = None
+    scatter_s: Number | None = None
+    unit_clock_error_ppm: Number | None = None
+    unit_clock_uncertainty_ppm: Number | None = None
+    bench_clock_error_ppm: Number | None = None
+    bench_clock_uncertainty_ppm: Number | None = None
+
+
+@dataclass(frozen=True)
 class StreamReport:
     """What a stream held: for the manifest's `stream` entry and the report.
 
     `lost` frames never arrived (the counter says so), `off` were never sent since the procedure had the unit
     switched off (both are gaps in the table), `duplicates` came twice (their rows are not valid),
-    `rejected` counts refused candidates by reason. `clock_error_ppm` > 0: the device's clock is fast.
+    `rejected` counts refused candidates by reason. `clock_error_ppm` > 0: the device's clock is fast against
+    the bench's. `pulses`: of a unit that tells the time since a pulse at its trigger input.
     The manifest of a run that goes on has only `start_offset`, where its stream begins.
     """
 
@@ -338,6 +359,7 @@ class StreamReport:
     sample_rate_hz: Number | None = None
     clock_error_ppm: Number | None = None
     residual_s: Number | None = None
+    pulses: PulseReport | None = None
     warnings: tuple[str, ...] = ()
 
 

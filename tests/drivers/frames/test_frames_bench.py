@@ -8,12 +8,15 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from typer.testing import CliRunner
 
 from bench.control.procedure import Demands, Parameters, Procedure, parameter
 from bench.control.questions import AssumeYes
 from bench.control.run_record import decode_run
 from bench.control.runner import RunRequest, run_procedure
 from bench.lab.emulated import EmulatedLab, Plant
+from bench.present.cli._app import app
+from bench.present.report import report_run
 from bench.record.benchfile import bench_file_text, load_bench_file
 from bench.record.recording import read_manifest, verify
 from drivers.base.errors import ConfigurationError
@@ -91,6 +94,68 @@ def test_a_described_gyro_is_a_gyro_like_any_other(tmp_path: Path) -> None:
     assert table["temp_c"].between(15, 45).all()
     problems = verify(result.folder, decode_run).problems
     assert [str(problem) for problem in problems] == []
+
+
+STIM300 = """
+[[gyro]]
+name = "unit"
+driver = "stim300"
+port = "/dev/ttyUSB1"
+frame_format = "rate_acc_pps"
+baudrate = 460800
+rate_hz = 500
+axis = "z"
+axes = "xyz"
+unit = "S-1"
+"""
+VECTORNAV = """
+[[gyro]]
+name = "unit"
+driver = "frames"
+description = "vectornav"
+frame_format = "rate_accel_sync"
+port = "/dev/ttyUSB1"
+rate_hz = 100
+axis = "z"
+axes = "xyz"
+unit = "V-1"
+pulse_interval_s = 0.5
+"""
+
+
+@pytest.mark.parametrize(("gyro", "interval_s"), [(STIM300, 1.0), (VECTORNAV, 0.5)])
+def test_the_clock_of_a_unit_with_pulses_is_told_against_them(tmp_path: Path, gyro, interval_s) -> None:
+    result = run(bench_file(tmp_path, gyro), tmp_path / "runs", clock_error_ppm={"unit": 70.0})
+    assert result.outcome == "completed", result.reason
+    pulses = read_manifest(result.folder).stream["unit"]["pulses"]
+    assert pulses["missed"] == 0 and pulses["interval_s"] == interval_s
+    table = pq.read_table(result.folder / "gyro_unit.parquet").to_pandas()
+    span_s = np.ptp(table["time_ns"]) * 1e-9
+    assert pulses["pulses"] == pytest.approx(span_s / interval_s, abs=1.01)
+    # the emulated unit's clock is 70 ppm fast; the bench runs on the lab's own time
+    assert pulses["unit_clock_error_ppm"] == pytest.approx(70.0, abs=0.05)
+    assert abs(pulses["bench_clock_error_ppm"]) < 3.0 * pulses["bench_clock_uncertainty_ppm"] + 1.0
+    assert table["since_pulse_s"].between(0.0, interval_s * 1.0001).all()
+    # sample times that the record states, less the time since the pulse, lie on whole intervals of the lab's time
+    off_s = np.remainder(table["time_ns"] * 1e-9 - table["since_pulse_s"] + 0.5 * interval_s, interval_s)
+    assert np.abs(off_s - 0.5 * interval_s).max() < 0.1 / 100.0
+    assert not [text for text in result.warnings if "pulse" in text]
+    said = CliRunner().invoke(app, ["runs", "show", str(result.folder)], env={"COLUMNS": "200"}).output
+    assert f"{pulses['unit_clock_error_ppm']:+.4f} ± {pulses['unit_clock_uncertainty_ppm']:.1g}" in said
+    page = report_run(result.folder).read_text()
+    assert f"{pulses['pulses']}" in page and "Clocks against the pulses" in page
+
+
+def test_pulses_at_another_interval_are_missing_ones(tmp_path: Path) -> None:
+    plant = {"actual": {"unit": {"pulse_interval_s": 2.0}}}
+    result = run(bench_file(tmp_path, STIM300), tmp_path / "runs", **plant)
+    assert any("pulses at the unit's input are missing" in text for text in result.warnings)
+
+
+def test_a_unit_that_tells_of_no_pulses_has_no_interval(tmp_path: Path) -> None:
+    gyro = STIM300.replace('"stim300"', '"kvh1750"').replace('frame_format = "rate_acc_pps"\n', "")
+    with pytest.raises(ConfigurationError, match="pulse_interval_s"):
+        bench_file(tmp_path, gyro + "pulse_interval_s = 0.5\n")
 
 
 def test_a_description_of_ones_own_travels_with_the_run(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from bench.present.report._numbers import (
     parameter,
     plain,
     significant,
+    with_uncertainty,
     with_unit,
 )
 from bench.present.report._palette import PAINTS
@@ -34,6 +35,21 @@ def test_unknown_numbers_are_a_dash(value: float | None) -> None:
     assert {fixed(value, 2), significant(value), duration(value)} == {DASH}
     assert column([value, 1.5], 2) == (DASH, "1.5")
     assert with_unit(significant(value), "ppm") == DASH
+
+
+@pytest.mark.parametrize(
+    ("value", "uncertainty", "text"),
+    [
+        (69.99871, 0.00213, "69.9987 ± 0.0021"),  # four decimals at most
+        (-12.3456, 1.26, "−12.3 ± 1.3"),
+        (250.0, 31.4, "250 ± 31"),
+        (0.1, 0.0, "0.1000 ± 0.0000"),
+        (None, 0.1, DASH),
+        (1.0, math.nan, DASH),
+    ],
+)
+def test_a_value_has_the_decimals_of_its_uncertainty(value, uncertainty, text) -> None:
+    assert with_uncertainty(value, uncertainty) == text
 
 
 @pytest.mark.parametrize(
