@@ -36,6 +36,19 @@ rate_hz = 125
 axis = "x"
 unit = "G-1"
 {gyro_keys}
+[[supply]]
+name = "supply"
+driver = "{supply}"
+port = "/dev/ttyUSB3"
+[[supply.outputs]]
+number = 1
+voltage_v = 5.0
+current_limit_a = 1.0
+[[logger]]
+name = "logger"
+driver = "{logger}"
+port = "/dev/ttyUSB4"
+sensors = {{ 101 = "case" }}
 """
 DOCUMENT = Path(__file__).parents[2] / "docs" / "instruments.md"
 TABLES = ("acutrol3000", "ideal_atl")
@@ -49,12 +62,22 @@ CHAMBERS = {
     "watlow_f4t": "",
 }
 GYROS = {"kvh1750": "", "stim300": "baudrate = 460800", "frames": 'description = "stim210"'}
+SUPPLIES = ("rs_hmp",)  # the others have no serial line
+LOGGERS = ("keysight_34970a",)
+USUAL = {
+    "table": "acutrol3000",
+    "chamber": "weiss",
+    "gyro": "kvh1750",
+    "supply": "rs_hmp",
+    "logger": "keysight_34970a",
+}
 
 
-def bench_file(tmp_path, table="acutrol3000", chamber="weiss", gyro="kvh1750"):
+def bench_file(tmp_path, **drivers):
     path = tmp_path / "lab.toml"
-    keys = {"chamber_keys": CHAMBERS[chamber], "gyro_keys": GYROS[gyro]}
-    text = BENCH.format(table=table, chamber=chamber, gyro=gyro, **keys)
+    named = USUAL | drivers
+    gyro = named["gyro"]
+    text = BENCH.format(**named, chamber_keys=CHAMBERS[named["chamber"]], gyro_keys=GYROS[gyro])
     path.write_text(text.replace("rate_hz = 125", "rate_hz = 100") if gyro == "kvh1750" else text)
     return load_bench_file(path)
 
@@ -63,7 +86,12 @@ def noticed(tmp_path, port, actual, **drivers):
     """Return the error of the driver's first question to a device that is set otherwise."""
     file = bench_file(tmp_path, **drivers)
     with EmulatedLab(file, Plant(delivery_s=0.5, actual={port: actual})) as lab:
-        sections = {"table": lab.file.table, "chamber": lab.file.chamber, "gyro_1": lab.file.gyro[0]}
+        sections = {
+            "table": lab.file.table,
+            "chamber": lab.file.chamber,
+            "gyro_1": lab.file.gyro[0],
+            **{name: section for name, (_, section) in lab.file.all_instruments.items()},
+        }
         role = "gyro" if port == "gyro_1" else port
         section = sections[port]
         clock = VirtualClock(lab.clock_url)
@@ -85,6 +113,10 @@ CASES = [
     *(("chamber", name, {"address": 3}) for name in CHAMBERS),
     *(("gyro", name, {"baudrate": 115200, "rate_hz": 100 if name == "kvh1750" else 125}) for name in GYROS),
     *(("gyro", name, {"parity": "E"}) for name in GYROS),
+    *(("supply", name, {"baudrate": 19200}) for name in SUPPLIES),
+    *(("supply", name, {"parity": "E"}) for name in SUPPLIES),
+    *(("logger", name, {"baudrate": 9600}) for name in LOGGERS),
+    *(("logger", name, {"parity": "E"}) for name in LOGGERS),
 ]
 
 
