@@ -51,7 +51,7 @@ first-hour: $(STAMP)
 # The pins of what a bench computer runs, with hashes: constraints.txt without torch, which has another build on every index.
 pins: $(STAMP)
 	$(BIN)/uv pip compile --quiet pyproject.toml --constraint constraints.txt --python-version 3.11.7 --generate-hashes \
-		--no-annotate --no-header --extra analysis --extra exchange --extra panel --extra postgres --extra scale --extra sign --extra bluesky \
+		--no-annotate --no-header --extra analysis --extra exchange --extra panel --extra postgres --extra scale --extra sign --extra bluesky --extra visa \
 		--output-file deploy/requirements.txt
 
 # The documentation as a site, in site/index.html; no network is asked.

@@ -620,8 +620,8 @@ MECHANISMS = (
     Mechanism(
         3,
         "a manifest has numbers where readers count on them",
-        f"{_RECORDING}._manifest:check_free_parts",
-        Skip("_FreeParts.model_validate"),
+        f"{_RECORDING}._free_parts:check_free_parts",
+        Skip("FreeParts.model_validate"),
         f"{_T_TYPES} -k file_and_key",
     ),
     Mechanism(
@@ -655,7 +655,7 @@ MECHANISMS = (
     Mechanism(
         3,
         "a port is a device or a socket",
-        "drivers.kit.link:check_place",
+        "drivers.kit.places:check_place",
         never("separator and scheme.lower() != 'socket'"),
         f"{_T_FILES} -k port_writes",
     ),

@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from drivers.base.errors import ProtocolError
-from drivers.kit.config import SupplyConfig, key
+from drivers.kit.config import MeterPort, SupplyConfig, key
 from drivers.kit.kinds import Connection, Exchange, MeterKind, Probe, Transcript
 from drivers.kit.matching import polled
+from drivers.kit.places import EXAMPLE
 from drivers.kit.scpi import channel_list, flags, numbers, query_exchanges
 from drivers.kit.supply import ANY_OUTPUT, ScpiSupply, Setting, columns_of
 
@@ -19,9 +20,12 @@ _TRIPS = {"VOLT": "overvoltage protection has tripped", "CURR": "overcurrent pro
 
 
 class E36300Config(SupplyConfig):
-    """`[[supply]]` of a Keysight E36300: its instrument socket has no serial settings."""
+    """`[[supply]]` of a Keysight E36300: it has no serial line."""
 
-    port: str = key(pattern=r"^socket://.+$", description="its instrument socket: 'socket://host:5025'")
+    port: MeterPort = key(
+        pattern=r"^(socket://.+|[A-Za-z]+\d*::.+)$",
+        description=f"its instrument socket, 'socket://host:5025', or a VISA resource such as '{EXAMPLE}'",
+    )
 
 
 class E36300Supply(ScpiSupply):

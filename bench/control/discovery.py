@@ -11,6 +11,7 @@ from drivers.base.errors import BenchError, ConfigurationError, LinkLost
 from drivers.kit.instruments import Identity, Instrument
 from drivers.kit.kinds import Connection, Probe
 from drivers.kit.link import Link
+from drivers.kit.places import is_serial, is_visa
 from drivers.kit.registry import DRIVERS, instrument_roles, registered
 
 LISTEN_S = 1.5
@@ -40,13 +41,14 @@ def identify_port(
     other baud rates and bus addresses too, which takes minutes.
     """
     try:
-        heard, baudrate = _listen(port, clock, say, name)
+        heard, baudrate = (b"", 0) if is_visa(port) else _listen(port, clock, say, name)
     except BenchError as error:
         return Finding(port, "", f"cannot be opened: {error.found or error}")
     if heard:
         found = _streaming(port, heard, baudrate)
         return found or Finding(port, "", f"sends what no gyro known here sends: {heard[:16].hex(' ')} ...")
-    asked = _probes("table", "chamber", *instrument_roles())
+    polled = () if is_visa(port) else ("table", "chamber")  # VISA serves instruments only
+    asked = _probes(*polled, *instrument_roles())
     for name_of_kind, kind, probe in [*asked, *(_others(asked, port) if thorough else ())]:
         say(" ".join([f"{port}: {name_of_kind} at {probe.baudrate} Bd", *_numbers(probe)]))
         try:
@@ -57,7 +59,7 @@ def identify_port(
             continue
         device = " ".join(part for part in (identity.maker, identity.model, identity.serial_number) if part)
         more = "".join(f", {key}" for key in _numbers(probe))
-        at = "TCP" if "://" in port else f"{probe.baudrate} Bd"
+        at = f"{probe.baudrate} Bd" if is_serial(port) else "TCP" if "://" in port else "VISA"
         return Finding(port, name_of_kind, f"{device} ({at}{more})")
     more = "" if thorough else "; --thorough asks at other baud rates and addresses"
     return Finding(port, "", f"nothing known answers{more}")
@@ -71,7 +73,7 @@ def _numbers(probe: Probe) -> list[str]:
 def _others(asked: list[tuple[str, Any, Probe]], port: str) -> list[tuple[str, Any, Probe]]:
     """Return the same questions at other baud rates of a serial port, then at other addresses of a bus."""
     known = {(name, probe.baudrate) for name, _, probe in asked}
-    bauds = () if "://" in port else OTHER_BAUDS
+    bauds = OTHER_BAUDS if is_serial(port) else ()
     return [
         (name, kind, replace(probe, baudrate=baud))
         for baud in bauds
@@ -88,7 +90,7 @@ def _others(asked: list[tuple[str, Any, Probe]], port: str) -> list[tuple[str, A
 def _listen(port: str, clock: Clock, say: Callable[[str], None], name: str) -> tuple[bytes, int]:
     """Return what arrives by itself, at the first baud rate at which its frames are known, else at the last."""
     heard, baudrate = b"", 0
-    for baudrate in LISTEN_BAUDS[:1] if "://" in port else LISTEN_BAUDS:
+    for baudrate in LISTEN_BAUDS if is_serial(port) else LISTEN_BAUDS[:1]:
         say(f"{port}: listening at {baudrate} Bd")
         link = Link(port, clock, name=name, baudrate=baudrate)
         try:

@@ -10,6 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 from bench.record.benchfile import BenchFile
 from drivers.base.errors import ConfigurationError
 from drivers.kit.config import DeviceConfig
+from drivers.kit.places import is_serial
 from simulators.config import SerialFormat
 
 _D = TypeVar("_D", bound=DeviceConfig)
@@ -57,7 +58,7 @@ def as_they_are(
     lines = {
         name: _format(name, real(sections[name], name), actual[name])
         for name in actual
-        if "://" not in (sections[name].port or "://")
+        if sections[name].port is not None and is_serial(sections[name].port)
     }
     return changed, lines
 

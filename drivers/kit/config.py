@@ -13,12 +13,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, dataclass_transform
 
 from drivers.base.errors import ConfigurationError
-from drivers.kit.link import check_place
+from drivers.kit.places import EXAMPLE, check_place
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, TypeAdapter
@@ -42,14 +42,14 @@ class _Checked:
         return self._schema(handler(source))
 
 
-def _place(text: CoreSchema) -> CoreSchema:
+def _place(visa: bool, text: CoreSchema) -> CoreSchema:
     from pydantic_core import core_schema
 
     def checked(value: str) -> str:
         if not value:
             raise ValueError("no port")
         try:
-            check_place(value, "")
+            check_place(value, "", visa=visa)
         except ConfigurationError as error:
             raise ValueError(str(error)) from error
         return value
@@ -72,11 +72,14 @@ def _sensors(_: CoreSchema) -> CoreSchema:
     return core_schema.no_info_before_validator_function(numbered, table)
 
 
-Port = Annotated[str, _Checked(_place)]
+Port = Annotated[str, _Checked(partial(_place, False))]
+MeterPort = Annotated[str, _Checked(partial(_place, True))]
+"""A port that may be a VISA resource: of a device that answers lines with a question mark and nothing else."""
 NumberedTexts = Annotated[dict[int, str], _Checked(_sensors)]
 """A table whose keys are numbers: sensor or channel = text."""
 _NAME = r"^[a-z][a-z0-9_]{0,31}$"
 _PORT_TEXT = "a port: a serial device such as '/dev/ttyUSB0', or 'socket://host:port'"
+_METER_PORT_TEXT = f"{_PORT_TEXT}, or a VISA resource such as '{EXAMPLE}'"
 
 
 def _baudrate(default: int) -> Any:
@@ -345,7 +348,7 @@ class InstrumentConfig(DeviceConfig):
         description="a short name of lower-case letters, digits and _ that starts with a letter",
     )
     driver: str = key(description="the kind of driver")
-    port: Port = key(description=_PORT_TEXT)
+    port: MeterPort = key(description=_METER_PORT_TEXT)
     baudrate: int = _baudrate(9600)
     period_s: float = key(
         default=1.0, ge=1.0, le=3600.0, description="seconds from reading to reading, 1 to 3600"

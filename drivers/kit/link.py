@@ -20,7 +20,9 @@ import serial
 from drivers.base.clock import Clock
 from drivers.base.errors import BenchError, ConfigurationError, DeviceSilent, LinkLost, ProtocolError
 from drivers.base.system import SELECTS_FILES, is_pseudo_terminal
+from drivers.kit.places import check_place, is_serial, is_visa
 from drivers.kit.sockets import SocketPort
+from drivers.kit.visa import VisaPort
 
 _BLOCK = 65536
 _FULL_S = 5.0
@@ -93,24 +95,12 @@ class Opening:
             self._error = error
 
 
-def check_place(url: str, name: str) -> None:
-    """Refuse what no port is: pyserial has addresses that write files (`spy://...?file=`). ConfigurationError."""
-    scheme, separator, _ = url.partition("://")
-    if separator and scheme.lower() != "socket":
-        raise ConfigurationError(
-            "the port cannot be used",
-            where=name,
-            found=url,
-            expected="a serial device such as '/dev/ttyUSB0', or 'socket://host:port'",
-        )
-
-
 class Link:
     """One open port.
 
-    `url` is a device path or `socket://host:port`; `settings` are pyserial's (baudrate, bytesize, parity,
-    stopbits). While `streaming` is set received bytes go to the tap only; otherwise they queue in the input
-    buffer for the `read_*` calls too.
+    `url` is a device path, `socket://host:port` or a VISA resource; `settings` are pyserial's (baudrate,
+    bytesize, parity, stopbits). While `streaming` is set received bytes go to the tap only; otherwise they queue
+    in the input buffer for the `read_*` calls too.
     """
 
     retries = 2
@@ -135,7 +125,7 @@ class Link:
         self.bytes_received = 0
         self.bytes_sent = 0
         self._buffer = bytearray()
-        if "://" not in url:  # two programs that read one serial port get half the bytes each
+        if is_serial(url):  # two programs that read one serial port get half the bytes each
             settings["exclusive"] = True
             usual = {"baudrate": 9600, "bytesize": 8, "parity": "N", "stopbits": 1}
             self.spoken = "{baudrate} Bd, {bytesize}{parity}{stopbits}".format(**usual | settings)
@@ -155,7 +145,7 @@ class Link:
         """
         self._let_go()
         if self._opening is None:
-            self._opening = self._open(in_background="://" in self.url)
+            self._opening = self._open(in_background=not is_serial(self.url))
         if not self._opening.over(REOPEN_S):
             raise self._not_opened("it does not answer yet")
         opening, self._opening = self._opening, None
@@ -172,6 +162,8 @@ class Link:
 
     def _open(self, *, in_background: bool = False) -> Opening:
         def opener() -> Any:
+            if is_visa(self.url):
+                return VisaPort(self.url)
             if SELECTS_FILES:
                 return serial.serial_for_url(self.url, timeout=0, **self._settings)
             return SocketPort(self.url, **self._settings)
@@ -195,7 +187,7 @@ class Link:
             "the port cannot be opened",
             where=self.where,
             found=found,
-            expected="a serial device, or socket://host:port, that exists and is not in use",
+            expected="a serial device, socket://host:port or VISA resource that exists and is not in use",
             remedy="check cable, power and the port in the bench file; `gyrobench ports` lists what is there",
         )
 

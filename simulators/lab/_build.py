@@ -14,6 +14,7 @@ import numpy as np
 from drivers.base.errors import ConfigurationError
 from drivers.base.files import replace_file
 from drivers.kit.config import DeviceConfig, SupplyConfig
+from drivers.kit.places import is_serial
 from drivers.kit.registry import EMULATORS, registered
 from simulators.config import Bearing, GyroInLab, InstrumentInLab, LabConfig, PlatformInLab
 from simulators.faults import VANISH, Fault
@@ -178,8 +179,8 @@ def _wobble(bearing: Bearing) -> Wobble:
 
 
 def _port(name: str, place: str | None, config: LabConfig) -> Port:
-    """Return a TCP port for a device that the bench file has on one, else a pseudo-terminal where there are."""
-    if (place is not None and place.startswith("socket://")) or not hasattr(os, "openpty"):
+    """Return a pseudo-terminal, where there are, for a device on a serial line, else a TCP port."""
+    if (place is not None and not is_serial(place)) or not hasattr(os, "openpty"):
         return TcpPort(name)
     returns = any(fault.kind == VANISH and fault.port == name for fault in config.faults)
     return PtyPort(name, returns=returns)

@@ -18,7 +18,7 @@ from bench.present.cli._app import app
 from bench.present.panel._folders import RunsFolder
 from bench.present.report._run_content import run_content
 from bench.record.recording import Run, StreamReport, read_manifest
-from bench.record.recording._manifest import check_free_parts
+from bench.record.recording._free_parts import check_free_parts
 from drivers.base.errors import BenchError, RecordError
 
 OTHERS = ("text", "", 7, -1.5, 10**400, None, True, [], ["x"], {}, {"a": 1})

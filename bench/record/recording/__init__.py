@@ -9,14 +9,13 @@ from bench.record.recording._decode import (
     units_off_s,
 )
 from bench.record.recording._events import EventLog, read_events, record_error
+from bench.record.recording._free_parts import PulseReport, StreamReport
 from bench.record.recording._journal import Journal, PortJournal
 from bench.record.recording._manifest import (
     DeviceEntry,
     EmulatedLab,
     Imported,
     Manifest,
-    PulseReport,
-    StreamReport,
     checksum,
     read_manifest,
     seal,

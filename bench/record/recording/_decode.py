@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bench.record.events.run import UnitsOff, UnitsOn
 from bench.record.recording._events import Line
-from bench.record.recording._manifest import StreamReport
+from bench.record.recording._free_parts import StreamReport
 from bench.record.recording._pulses import PulseTimer, warnings_of
 from bench.record.recording._raw import (
     first_arrivals,

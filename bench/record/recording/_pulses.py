@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.record.recording._manifest import PulseReport
+from bench.record.recording._free_parts import PulseReport
 from bench.record.recording._timing import StreamTiming
 
 _LATE = 1.5

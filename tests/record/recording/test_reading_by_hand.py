@@ -19,7 +19,7 @@ from bench.record.recording import (
     write_manifest,
 )
 from bench.record.recording._decode import _Rows
-from bench.record.recording._manifest import check_free_parts
+from bench.record.recording._free_parts import check_free_parts
 from bench.record.recording._raw import missing_tail, raw_path
 from bench.record.recording._verify import _compare_tables
 from drivers.base.errors import RecordError

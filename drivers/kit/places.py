@@ -1,0 +1,39 @@
+"""Where a device may be: a serial line, a socket, a VISA resource."""
+
+from __future__ import annotations
+
+import re
+
+from drivers.base.errors import ConfigurationError
+
+_RESOURCE = re.compile(r"(USB|GPIB|TCPIP|VXI|PXI)\d*::.+", re.IGNORECASE)
+EXAMPLE = "USB0::0x2A8D::0x1002::MY12345::INSTR"
+"""A VISA resource, to show what one looks like."""
+
+
+def is_visa(place: str) -> bool:
+    """Return whether `place` is a VISA resource; serial ones (ASRL) are no such: the bench opens those itself."""
+    return _RESOURCE.fullmatch(place) is not None
+
+
+def check_place(url: str, name: str, *, visa: bool = True) -> None:
+    """Refuse what no port is: pyserial has addresses that write files (`spy://...?file=`). ConfigurationError.
+
+    `visa`: whether the device answers lines with a question mark and nothing else, so that VISA serves for it.
+    """
+    scheme, separator, _ = url.partition("://")
+    if (separator and scheme.lower() != "socket") or (is_visa(url) and not visa):
+        at_visa = (
+            f", or a VISA resource such as '{EXAMPLE}'" if visa else "; VISA serves supplies and loggers only"
+        )
+        raise ConfigurationError(
+            "the port cannot be used",
+            where=name,
+            found=url,
+            expected=f"a serial device such as '/dev/ttyUSB0', or 'socket://host:port'{at_visa}",
+        )
+
+
+def is_serial(url: str) -> bool:
+    """Return whether a port is a serial line, with a baud rate and a format to set."""
+    return "://" not in url and not is_visa(url)
