@@ -108,6 +108,12 @@ class FrameDecoder:
         return " or ".join(form.name for form in self._forms)
 
     @property
+    def pulse_resolution_s(self) -> float:
+        """The step of the time since a pulse, the coarsest of the messages it reads; 0 if they tell of none."""
+        fields = [spec for form in self._reader.forms for spec in form.fields if spec.role == "since_pulse"]
+        return max((abs(spec.scale.factor) * factor(spec.unit) for spec in fields), default=0.0)
+
+    @property
     def by_message(self) -> dict[str, int]:
         """Messages so far, by name."""
         return self._reader.by_form

@@ -278,6 +278,12 @@ def has_counter(decoder: StreamDecoder) -> bool:
     return found
 
 
+def pulse_resolution_s(decoder: StreamDecoder) -> float:
+    """Return the step of the time since a pulse, s; 0 where the unit tells of none, or its decoder of no step."""
+    found: float = getattr(decoder, "pulse_resolution_s", 0.0)
+    return found
+
+
 class StreamDecoder(Protocol):
     """Incremental decoder: any chunking of the same bytes gives the same frames; never raises on bytes."""
 

@@ -25,7 +25,14 @@ from bench.record.recording._raw import (
 )
 from bench.record.recording._tables import table_writer
 from bench.record.recording._timing import StreamTimer, StreamTiming, Unwrapper
-from drivers.kit.instruments import FrameBatch, LossSide, StreamDecoder, has_counter, loss_taints
+from drivers.kit.instruments import (
+    FrameBatch,
+    LossSide,
+    StreamDecoder,
+    has_counter,
+    loss_taints,
+    pulse_resolution_s,
+)
 from drivers.kit.kinds import Exchange
 
 Columns = Mapping[str, NDArray[Any]]
@@ -161,7 +168,7 @@ def _write_table(
     last: int | None = None
     restarts = timing.corrections[timing.corrections[:, 1] % decoder.counter_modulo != 0, 0]
     tick_s = 1.0 / (decoder.nominal_rate_hz * decoder.counter_step)
-    pulses = PulseTimer(tick_s, source.pulse_interval_s, restarts)
+    pulses = PulseTimer(tick_s, source.pulse_interval_s, restarts, pulse_resolution_s(decoder))
     with table_writer(target, source.description) as writer:
         rows = _Rows(loss_taints(decoder))
         for batch in _batches(path, source, decoder):

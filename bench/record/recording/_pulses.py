@@ -31,11 +31,13 @@ class PulseTimer:
 
     `tick_s`: a count's length by the unit's own clock. `interval_s`: the time between pulses, two samples at
     least. `begins`: int64 (m,), the samples at which the unit was switched on again: its count there is another.
+    `resolution_s`: the step of the time that the unit tells, 0 where nobody knows.
     """
 
     tick_s: float
     interval_s: float
     begins: Ints
+    resolution_s: float = 0.0
     _seen: int = 0
     _last: tuple[int, float] = (0, math.nan)
     _instants: list[Floats] = field(default_factory=list)
@@ -79,7 +81,9 @@ class PulseTimer:
         error = float(true @ (unit - true)) / spread
         left = unit - (1.0 + error) * true
         scatter_s = math.sqrt(float(left @ left) / free)
-        uncertainty = scatter_s / math.sqrt(spread)
+        # a clock that is nearly right is rounded alike for long: half a step along half of the line at worst
+        rounded = 1.5 * self.resolution_s / math.sqrt(12.0 * spread / len(true)) / math.sqrt(3.0)
+        uncertainty = math.hypot(scatter_s / math.sqrt(spread), rounded)
         bench = (1.0 + error) / (1.0 + 1e-6 * timing.clock_error_ppm) - 1.0
         return replace(
             found,

@@ -28,8 +28,10 @@ def told(count, unit_ppm=0.0, *, interval_s=1.0, lacking=(), phase_s=0.3, unit_u
     return np.rint(since_s * (1.0 + unit_ppm * 1e-6) * 1e6 / unit_us) * unit_us * 1e-6
 
 
-def report(count, since_s, *, interval_s=1.0, begins=NONE, block=10_000, clock_ppm=0.0, residual_s=0.0):
-    timer = PulseTimer(1.0 / TICKS_HZ, interval_s, np.asarray(begins, np.int64))
+def report(
+    count, since_s, *, interval_s=1.0, begins=(), block=10_000, clock_ppm=0.0, residual_s=0.0, step_s=1e-6
+):
+    timer = PulseTimer(1.0 / TICKS_HZ, interval_s, np.asarray(begins, np.int64), step_s)
     for at in range(0, len(count), block):
         timer.feed(np.asarray(count)[at : at + block], since_s[at : at + block])
     return timer.report(timing(clock_ppm, residual_s), len(count) * 16 / TICKS_HZ)
@@ -49,9 +51,10 @@ def test_the_unit_clock_is_off_by_what_it_makes_of_the_pulses(unit_ppm, interval
     true_s = count[-1] / TICKS_HZ / (1.0 + unit_ppm * 1e-6)
     assert found.pulses == pytest.approx(true_s / interval_s, abs=1.0)
     assert found.missed == 0
-    # instants rounded to 1 us are off by 0.29 us rms; over a line of n points s / (T sqrt(n / 12)) of its length
-    sigma_ppm = 0.289 / 60.0 / math.sqrt(found.pulses / 12.0)
-    assert found.unit_clock_error_ppm == pytest.approx(unit_ppm, abs=6.0 * sigma_ppm)
+    # instants rounded to 1 us are off by half of it at most: half a line up, half down tilts it by 1.5 us / T
+    worst_ppm = 1.5 / (interval_s * (found.pulses - 1))
+    assert found.unit_clock_error_ppm == pytest.approx(unit_ppm, abs=1.01 * worst_ppm)
+    assert found.unit_clock_uncertainty_ppm == pytest.approx(worst_ppm / math.sqrt(3.0), rel=0.6)
     assert found.scatter_s < 0.6e-6
 
 
