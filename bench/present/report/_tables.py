@@ -166,7 +166,7 @@ def _pulse_tables(runs: Sequence[RunContent]) -> list[Table]:
                 fixed(pulses.get("pulses"), 0),
                 fixed(pulses.get("missed"), 0),
                 *(with_uncertainty(*clock) for clock in (unit, bench)),
-                significant(None if scatter_s is None else 1e6 * scatter_s, 2),
+                fixed(None if scatter_s is None else 1e6 * scatter_s, 2),
             )
             rows.append(row)
     heads = [
