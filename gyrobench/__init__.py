@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from gyrobench._analyse import fit_stepwise as fit_stepwise
     from gyrobench._analyse import fit_whirl as fit_whirl
     from gyrobench._analyse import look as look
+    from gyrobench._analyse import procedure_budgets as procedure_budgets
     from gyrobench._open import load_bench as load_bench
     from gyrobench._open import open_run as open_run
     from gyrobench._operate import open_campaign as open_campaign
@@ -95,6 +96,7 @@ _HOMES = {
         "fit_stepwise",
         "fit_whirl",
         "look",
+        "procedure_budgets",
     ),
     "gyrobench._open": ("load_bench", "open_run"),
     "gyrobench._operate": ("open_campaign", "rehearse", "run", "write_unit_fmu"),

@@ -11,7 +11,9 @@ from pathlib import Path
 from bench.analysis import gap
 from bench.analysis.calibration import Calibration, Noise, calibrate, load_record
 from bench.analysis.common.fan_out import fan_out
+from bench.analysis.common.uncertainty import Budget
 from bench.analysis.figures import Figure, StandardFigures, figures_of_unit
+from bench.analysis.figures import procedure_budgets as budgets_of
 from bench.analysis.heading import Form, HeadingStudy, study_heading_logs
 from bench.analysis.look import Look, LookOptions
 from bench.analysis.look import look as look_at
@@ -99,6 +101,16 @@ def fit_standard_test(
     """
     figures, over_runs = figures_of_unit(_paths(runs), gyro)
     return figures, list(over_runs)
+
+
+def procedure_budgets(run: Path | str) -> dict[str, Budget]:
+    """Return the uncertainty budgets (JCGM 100) of what a run's procedure measured, by the measurement's name.
+
+    Shock rates, air and unit temperatures, angles, outputs at rest: each with its inputs, `combined` standard
+    uncertainty, `k`, `expanded` and `half_width` of the 95 % interval, in the measurement's unit. `value` is
+    corrected by the errors that certificates of the bench tell.
+    """
+    return budgets_of(Run.open(run))
 
 
 def fit_calibration(

@@ -17,7 +17,10 @@ import gyrobench
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 UV = Path(sys.executable).with_name("uv")
-NEED_ANALYSIS = {"Compensation", "Diagnosis", "Look", "LookOptions", "Study", "diagnose", "look"}
+NEED_ANALYSIS = {
+    *("Compensation", "Diagnosis", "Look", "LookOptions", "Study"),
+    *("diagnose", "look", "procedure_budgets"),
+}
 ROOMS = {"bench", "drivers", "gyrobench", "procedures", "simulators"}
 MAPPING = """
 format = 1

@@ -6,6 +6,7 @@ from bench.analysis.figures._from_run import (
     figures_over_runs,
     standard_figures,
 )
+from bench.analysis.figures._of_procedure import procedure_budgets
 from bench.analysis.figures._parts import Figure
 
 __all__ = [
@@ -13,5 +14,6 @@ __all__ = [
     "StandardFigures",
     "figures_of_unit",
     "figures_over_runs",
+    "procedure_budgets",
     "standard_figures",
 ]

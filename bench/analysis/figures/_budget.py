@@ -31,9 +31,11 @@ ASSUMED: Mapping[str, float] = {
     "fixture_deg": 0.05,
     "latitude_deg": 0.01,
     "unit_temp_c": 1.0,
+    "air_temp_c": 0.5,
 }
 """Half widths of a rectangular distribution that a bench without a certificate is taken to have: a free quartz, a
-servo rate table with its encoder (10 arcsec), a spirit level, the axis set to east by hand, a milled fixture."""
+servo rate table with its encoder (10 arcsec), a spirit level, the axis set to east by hand, a milled fixture, a
+platinum resistor of class B at -40 degC (IEC 60751)."""
 ASSUMED_ORIGIN = "assumed"
 EAST_ORIGIN = "Earth rate"
 _RAD = math.pi / 180.0

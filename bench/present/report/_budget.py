@@ -11,6 +11,7 @@ from bench.present.report._page import Block, Cell, Table, named
 from bench.record.benchfile import calibrations_of, overdue
 
 if TYPE_CHECKING:
+    from bench.analysis.common.uncertainty import Budget
     from bench.analysis.figures import StandardFigures
     from bench.record.recording import Manifest
 
@@ -40,33 +41,37 @@ def _degrees(freedom: float) -> str:
 
 def budget_tables(result: StandardFigures) -> list[Block]:
     """Return a table for every figure to which the bench adds something."""
-    blocks: list[Block] = []
-    for figure in result.figures:
-        budget = figure.budget
-        if budget is None or len(budget.contributions) < 2:
-            continue
-        rows = [
-            named(
-                item.source.replace("_", " "),
-                significant(item.estimate, 3),
-                significant(item.standard, 2),
-                unit_text(item.unit) or DASH,
-                item.kind,
-                item.distribution,
-                significant(item.sensitivity, 3),
-                _degrees(item.freedom),
-                f"{100.0 * budget.share(item):.1f}",
-                item.origin,
-            )
-            for item in budget.contributions
-        ]
-        caption = (
-            f"{result.run_id}, {figure.name}: u_c = {significant(budget.combined, 2)}, effective ν = "
-            f"{_degrees(budget.freedom)}, k = {budget.k:.2f}, U = {significant(budget.expanded, 2)} "
-            f"{unit_text(figure.unit)}; half of the 95 % interval {significant(budget.half_width, 2)}."
+    return [
+        budget_table(f"{result.run_id}, {figure.name}", figure.budget, figure.unit)
+        for figure in result.figures
+        if figure.budget is not None and len(figure.budget.contributions) > 1
+    ]
+
+
+def budget_table(what: str, budget: Budget, unit: str) -> Block:
+    """Return the table of one budget of a figure in `unit`."""
+    rows = [
+        named(
+            item.source.replace("_", " "),
+            significant(item.estimate, 3),
+            significant(item.standard, 2),
+            unit_text(item.unit) or DASH,
+            item.kind,
+            item.distribution,
+            significant(item.sensitivity, 3),
+            _degrees(item.freedom),
+            f"{100.0 * budget.share(item):.1f}",
+            item.origin,
         )
-        blocks.append(Table(_HEADS, rows, caption))
-    return blocks
+        for item in budget.contributions
+    ]
+    corrected = f"corrected {significant(budget.value, 5)}, " if budget.value != budget.stated else ""
+    caption = (
+        f"{what}: {corrected}u_c = {significant(budget.combined, 2)}, effective ν = "
+        f"{_degrees(budget.freedom)}, k = {budget.k:.2f}, U = {significant(budget.expanded, 2)} "
+        f"{unit_text(unit)}; half of the 95 % interval {significant(budget.half_width, 2)}."
+    )
+    return Table(_HEADS, rows, caption)
 
 
 def traceability_table(manifests: Sequence[Manifest]) -> list[Block]:

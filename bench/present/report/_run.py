@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bench.present.report._budget import TERM, budget_table
 from bench.present.report._file import REPORT_FILE, write_report
 from bench.present.report._glossary import CLOCK, LOST
 from bench.present.report._numbers import DASH, duration, moment, parameter, significant, unit_text
@@ -95,6 +96,12 @@ def _verdict(run: RunContent) -> Verdict:
     return Verdict(f"Run {word}", tone, [_SENTENCES[run.manifest.outcome], *run.reasons], headlines)
 
 
+def _budget_tables(run: RunContent) -> list[Block]:
+    units = {item.name: item.unit for item in run.measurements}
+    tables = [budget_table(measured(name), budget, units[name]) for name, budget in run.budgets.items()]
+    return [*tables, Definitions([TERM])] if tables else []
+
+
 def _sections(run: RunContent) -> list[Section]:
     figures: list[Block] = []
     for number, trace in enumerate(run.traces, start=1):
@@ -107,7 +114,8 @@ def _sections(run: RunContent) -> list[Section]:
         warnings(run.warnings),
         Section("Notes", notes_blocks(run.notes)),
         Section("Course of the run", figures),
-        Section("Measurements", measurements_table(run.measurements)),
+        Section("Measurements", measurements_table(run.measurements, run.budgets)),
+        Section("Uncertainty budgets", _budget_tables(run)),
         Section("Worked out by the procedure", series_blocks(run.series)),
         Section("Parameters", [Facts(parameters)]),
         *record_sections([run], provenance, [Definitions([LOST, CLOCK])]),

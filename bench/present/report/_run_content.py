@@ -7,7 +7,7 @@ may come from anywhere (a device's answer, a manifest): it is escaped when it is
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +22,7 @@ from drivers.base.arrays import Array
 from drivers.base.errors import RecordError
 
 if TYPE_CHECKING:
+    from bench.analysis.common.uncertainty import Budget
     from bench.record.recording import Manifest, Run
 
 _BLOCK_S = 100.0
@@ -73,6 +74,8 @@ class RunContent:
     changed: bool = False
     """Whether the manifest was changed after it was sealed."""
     notes: Sequence[Attached] = ()
+    budgets: Mapping[str, Budget] = field(default_factory=dict)
+    """The uncertainty budgets of its measurements, by their names."""
 
     @property
     def run_id(self) -> str:
@@ -118,6 +121,7 @@ def run_content(run: Run, role: str = "") -> RunContent:
     return RunContent(
         run.manifest,
         traces,
+        budgets=_budgets(run, missing),
         reasons=tuple(text for text in (run.manifest.reason, _left_at_rest(run)) if text),
         warnings=_warnings(run, missing),
         operator=", ".join(dict.fromkeys(answer.by for _, answer in run.of(Answer) if answer.by)),
@@ -127,6 +131,19 @@ def run_content(run: Run, role: str = "") -> RunContent:
         series=tuple(series for _, series in run.of(Series)),
         notes=attached_notes(run.place),
     )
+
+
+def _budgets(run: Run, missing: list[str]) -> Mapping[str, Budget]:
+    if not run.manifest.measurements:
+        return {}
+    try:
+        from bench.analysis.figures import procedure_budgets  # scipy takes its time to import
+    except ModuleNotFoundError as error:
+        missing.append(
+            f"uncertainties are not shown, {error.name} is missing: pip install 'gyrobench[analysis]'"
+        )
+        return {}
+    return procedure_budgets(run)
 
 
 def _left_at_rest(run: Run) -> str:

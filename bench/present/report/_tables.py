@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bench.present.report._numbers import (
     DASH,
@@ -20,6 +20,9 @@ from bench.present.report._numbers import (
 from bench.present.report._page import Block, Cell, Fact, Facts, Row, Section, Table, Tone, named
 from bench.present.report._run_content import RunContent
 from bench.record.events.run import Measured
+
+if TYPE_CHECKING:
+    from bench.analysis.common.uncertainty import Budget
 
 _OUTCOMES: dict[str, tuple[str, Tone]] = {
     "completed": ("valid", "good"),
@@ -103,22 +106,26 @@ def checks_table(runs: Sequence[RunContent]) -> list[Block]:
     return [Table(heads, rows, caption)]
 
 
-def measurements_table(measurements: Sequence[Measured]) -> list[Block]:
-    """Return everything that was measured on one run, judged or not."""
-    rows = [
-        Row(
+def measurements_table(measurements: Sequence[Measured], budgets: Mapping[str, Budget]) -> list[Block]:
+    """Return everything that was measured on one run, judged or not, with its uncertainty if it has a budget."""
+    rows = []
+    for item in measurements:
+        budget = budgets.get(item.name)
+        half_width = None if budget is None else budget.half_width
+        row = Row(
             [
                 Cell(measured(item.name)),
                 Cell(significant(item.value, 4), strong=True),
+                Cell(DASH if half_width is None else significant(half_width, 2)),
                 Cell(unit_text(item.unit)),
                 Cell(limits_text(item.low, item.high) or DASH),
-                _judgement(item),
+                _judgement(item, half_width),
             ]
         )
-        for item in measurements
-    ]
-    heads = ["Measured", ">Value", "Unit", "Limits", "Result"]
-    return [Table(heads, rows, "Measurements of the procedure and their limits.")]
+        rows.append(row)
+    heads = ["Measured", ">Value", ">±", "Unit", "Limits", "Result"]
+    caption = "Measurements of the procedure and their limits; ± is half of the 95 % interval."
+    return [Table(heads, rows, caption)]
 
 
 def streams_table(runs: Sequence[RunContent]) -> Table:
@@ -249,10 +256,19 @@ def limits_text(low: float | None, high: float | None) -> str:
     return f"≤ {plain(high)}" if high is not None else ""
 
 
-def _judgement(item: Measured) -> Cell:
+def _judgement(item: Measured, half_width: float | None) -> Cell:
     if item.passed is None or not limited(item):
         return Cell(DASH)
-    return Cell("inside", "good") if item.passed else Cell("outside", "bad")
+    value, within = item.value, ""
+    if value is not None and half_width is not None:
+        limits = [limit for limit in (item.low, item.high) if limit is not None]
+        if min(abs(value - limit) for limit in limits) < half_width:
+            within = ", nearer to a limit than ±"
+    return (
+        Cell(f"inside{within}", "doubt" if within else "good")
+        if item.passed
+        else Cell(f"outside{within}", "bad")
+    )
 
 
 def _check_cell(item: Measured | None, first: Measured) -> Cell:

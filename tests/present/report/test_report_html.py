@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from bench.analysis.common.uncertainty import Budget, Contribution
 from bench.analysis.thermal import Scores
 from bench.analysis.thermal._selection import ModelScore
 from bench.present.report import render_page, run_page
@@ -242,10 +243,23 @@ def test_single_run_measurements_and_parameters(single_run: Callable[..., RunCon
     reading = Reading(render_page(run_page(single_run())))
     table = rows(reading, "Limits")
     assert number(table["shock rate, 10 to 90 %"][0]) == 11.79
-    assert table["shock rate, 10 to 90 %"][2] == "≥ 10"
-    assert table["azimuth error of the axis"][2] == "−2 … 2"
-    assert table["reference output"][2:] == [DASH, DASH]
+    assert table["shock rate, 10 to 90 %"][1:] == [DASH, "K/min", "≥ 10", "inside"]
+    assert table["azimuth error of the axis"][3] == "−2 … 2"
+    assert table["reference output"][3:] == [DASH, DASH]
     assert "−45\u00a0°C" in reading.visible
+
+
+def test_measurements_have_their_uncertainty_and_say_when_it_reaches_a_limit(
+    single_run: Callable[..., RunContent],
+) -> None:
+    """11.79 K/min of at least 10 K/min: 0.13 is far from the limit, 2.0 is not."""
+    for standard, result in ((0.0663, "inside"), (1.02, "inside, nearer to a limit than ±")):
+        budgets = {"shock_rate_10_90": Budget(11.79, (Contribution("air_temp_c", standard, unit="c"),))}
+        reading = Reading(render_page(run_page(replace(single_run(), budgets=budgets))))
+        row = rows(reading, "Limits")["shock rate, 10 to 90 %"]
+        assert row[1] == ("0.13" if standard < 1.0 else "2.0") and row[4] == result
+        assert "air temp c" in rows(reading, "Sensitivity")
+        assert f"U = {row[1]}" in reading.visible
 
 
 def test_hostile_text_stays_text(campaign: Any) -> None:
