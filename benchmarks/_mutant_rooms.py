@@ -48,9 +48,10 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         _part(
             "bench/record/recording/_timing",
             "tests/record/recording/test_timing_by_hand test_lateness_by_hand test_files_by_hand test_timing",
-            "tests/record/recording/test_reading test_decode",
+            "tests/record/recording/test_small_streams_by_hand test_reading test_decode",
             "tests/record/recording/test_recording_kvh",
         ),
+        _part("bench/record/recording/_pulses", "tests/record/recording/test_pulses"),
         _part(
             "bench/record/recording/_remote", "tests/record/recording/test_files_by_hand test_object_storage"
         ),
@@ -58,6 +59,8 @@ ROOMS: dict[str, tuple[Part, ...]] = {
             "bench/record/recording/*",
             "tests/record/recording/test_journal test_events test_reading test_runs test_arrow test_decode",
             "tests/record/recording/test_reading_by_hand test_files_by_hand test_lateness_by_hand",
+            "tests/record/recording/test_small_streams_by_hand test_pulses",
+            "tests/record/test_signing test_failing_disk tests/integration/test_manifest_types",
             "tests/record/recording/test_recording_kvh test_recover test_journal_threads",
             "tests/reliability/test_power_cut",
             "tests/record/recording/test_object_storage",
