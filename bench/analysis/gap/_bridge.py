@@ -127,6 +127,14 @@ def _variogram(lag_s: Array, noise: Noise) -> Array:
     return np.asarray(flicker * markov + 0.5 * noise.rate_random_walk_dph_per_sqrt_h**2 * lag_s / 3600.0)
 
 
+@lru_cache(maxsize=4)
+def _normals(count: int) -> Array:
+    """Return the fixed draws, (64, count): runs of a campaign have few lengths."""
+    drawn = np.random.default_rng(0).standard_normal((_DRAWS, count))
+    drawn.flags.writeable = False
+    return drawn
+
+
 @lru_cache(maxsize=256)
 def _noise_left(mask: bytes, n: int, period_s: float, filled_for: Noise, noise: Noise) -> Array:
     filled = _bridge(mask, n, period_s, filled_for)
@@ -134,7 +142,7 @@ def _noise_left(mask: bytes, n: int, period_s: float, filled_for: Noise, noise: 
         return np.ones(n - 1)
     power = power_of(noise, n, period_s)
     drawn = np.zeros((_DRAWS, n))
-    drawn[:, 1:] = np.random.default_rng(0).standard_normal((_DRAWS, n - 1)) * np.sqrt(power)
+    drawn[:, 1:] = _normals(n - 1) * np.sqrt(power)
     seen = dct(filled.over(idct(drawn, norm="ortho", axis=-1)), norm="ortho", axis=-1)[:, 1:]
     # against the very draws, whose own power at the lowest coefficients is not the expected one
     bins = np.floor(_BINS_AN_OCTAVE * np.log2(np.arange(1, n))).astype(np.int64)
