@@ -23,8 +23,9 @@ from numpy.typing import ArrayLike
 from scipy.stats import beta
 
 from bench.analysis.common.allan_noise import NOISE_NAMES, NoiseCoefficients
+from bench.analysis.common.bench_errors import BenchErrors
 from bench.analysis.figures import Figure
-from bench.analysis.figures._budget import BenchErrors, with_budgets
+from bench.analysis.figures._budget import with_budgets
 from bench.analysis.figures._from_run import figures_of_record
 from bench.record.benchfile import Calibration
 from bench.record.events.run import Interval

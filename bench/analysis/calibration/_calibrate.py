@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.analysis.calibration._budget import parameter_budgets
 from bench.analysis.calibration._compensation import ImuCompensation
 from bench.analysis.calibration._conventions import Noise, Site, Task
 from bench.analysis.calibration._estimator import BiasWander, Estimate, Options, estimate
@@ -18,13 +19,17 @@ from bench.analysis.calibration._result import Evaluation, evaluate
 from bench.analysis.calibration._runs import CalibrationRun, load_calibration_run
 from bench.analysis.calibration._schedule import load_scheme
 from bench.analysis.common.compensation import provenance
+from bench.analysis.common.uncertainty import Budget
 from bench.record.exchange import read_table
 from bench.record.recording import checksum
 from bench.record.shown import Shown
+from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError, RecordError
 
 _COLUMNS = [f"gyro_{axis}_dps" for axis in "xyz"] + [f"accelerometer_{axis}_mps2" for axis in "xyz"]
 _PERIOD_TOLERANCE = 0.1
+_MOVED_DEG = 0.02
+"""By so much the latitude is moved to see what depends on it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -32,6 +37,7 @@ class Calibration(Shown):
     """What a record gave: the estimate, what its scheme promised, and what the record shows of its noise.
 
     `corrected`: the estimate is with the noise and wander that the record shows, not with those told.
+    `per_latitude_deg` (24,), SI: how the estimate changes with the latitude that is told.
     """
 
     run: CalibrationRun
@@ -40,6 +46,7 @@ class Calibration(Shown):
     wander: BiasWander | None
     noise: RecordNoise
     corrected: bool
+    per_latitude_deg: Array
 
     def shown(self) -> dict[str, object]:
         """Return unit, run and scheme, and how well the estimate explains the record (1: as its noise says)."""
@@ -49,6 +56,12 @@ class Calibration(Shown):
             "scheme": self.run.schedule.name,
             "innovation rms": self.estimate.innovation_rms,
         }
+
+    @property
+    def budgets(self) -> dict[str, Budget]:
+        """The uncertainty budget of each parameter by its name, in its printed unit."""
+        gravity_mps2 = self.evaluation.task.site.gravity_mps2
+        return parameter_budgets(self.estimate, gravity_mps2, self.per_latitude_deg, self.run.certificates)
 
     def compensation(self, declared: Sequence[str] = ()) -> ImuCompensation:
         """Return the compensation; `declared`: what its user has to know of it."""
@@ -126,12 +139,18 @@ def calibrate(
     )
     estimated = estimate(run.increments, task, options, run.schedule)
     shown = record_noise(run.increments, task, options, estimated)
+    final = task
     if not as_told:
         wander = wander or shown.wander
-        again = replace(task, noise=shown.found)
-        estimated = estimate(run.increments, again, replace(options, wander=wander), run.schedule)
+        final, options = replace(task, noise=shown.found), replace(options, wander=wander)
+        estimated = estimate(run.increments, final, options, run.schedule)
+    elsewhere = replace(
+        task.site, latitude_deg=task.site.latitude_deg - _MOVED_DEG, gravity=task.site.gravity_mps2
+    )
+    moved = estimate(run.increments, replace(final, site=elsewhere), options, run.schedule)
+    per_latitude_deg = (estimated.parameters - moved.parameters) / _MOVED_DEG
     evaluation = evaluate(task, run.schedule, run.table)
-    return Calibration(run, estimated, evaluation, wander, shown, not as_told)
+    return Calibration(run, estimated, evaluation, wander, shown, not as_told, per_latitude_deg)
 
 
 def read_increments(path: Path) -> Increments:

@@ -14,7 +14,7 @@ from bench.analysis.calibration._navigation import Increments
 from bench.analysis.calibration._schedule import Schedule, home_attitude, parse_moves
 from bench.analysis.calibration._table import Table
 from bench.analysis.calibration._turning import table_axes, table_type
-from bench.record.benchfile import bench_file_from
+from bench.record.benchfile import Calibration, bench_file_from, calibrations_of
 from bench.record.events.run import Scheme
 from bench.record.recording import Run
 from drivers.base.arrays import Array
@@ -28,7 +28,7 @@ _GAP = "a lost increment of a turn cannot be made up: every later position would
 class CalibrationRun:
     """What a run holds. `truth` (24,), SI, of an emulated unit, else None; `mounting` as the operator was told.
 
-    `turn_s`: how long each turn really took, settling included.
+    `turn_s`: how long each turn really took, settling included. `certificates`: of the bench's instruments.
     """
 
     run_id: str
@@ -42,6 +42,7 @@ class CalibrationRun:
     mounting: str
     turn_s: tuple[float, ...]
     truth: Array | None
+    certificates: tuple[Calibration, ...] = ()
 
 
 def load_calibration_run(folder: Path | str, gyro: str | None = None) -> CalibrationRun:
@@ -85,6 +86,7 @@ def load_calibration_run(folder: Path | str, gyro: str | None = None) -> Calibra
         mounting=manifest.mounting,
         turn_s=turn_s,
         truth=pack(*parts) if parts else None,
+        certificates=calibrations_of(manifest.bench),
     )
 
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from bench.analysis.common.allan import AllanDeviation
 from bench.analysis.common.allan_noise import NoiseFit
-from bench.analysis.figures._budget import BenchErrors, with_budgets
+from bench.analysis.common.bench_errors import BenchErrors
+from bench.analysis.figures._budget import with_budgets
 from bench.analysis.figures._estimate import spread
 from bench.analysis.figures._parts import PARTS, Figure, noise_figures, noise_of
 from bench.analysis.figures._record import Measured, Record

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.analysis.common.bench_errors import EAST_ORIGIN, BenchErrors
 from bench.analysis.common.uncertainty import Budget, Contribution
-from bench.analysis.figures._budget import EAST_ORIGIN, BenchErrors
 from bench.record.benchfile import calibrations_of
 from bench.record.events.run import Measured
 from bench.record.recording import Run, seconds

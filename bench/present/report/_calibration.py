@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -34,6 +34,7 @@ from drivers.base.arrays import Array
 
 if TYPE_CHECKING:
     from bench.analysis.calibration import BiasWander, CalibrationRun, Estimate, Evaluation, RecordNoise
+    from bench.analysis.common.uncertainty import Budget
 
 _CLASSICAL = ("19-position-z-up", "19-position", "23-position")
 _PAINTS = (BLUE, ORANGE, GREEN, PURPLE, SAND, MUTED)
@@ -77,7 +78,8 @@ class CalibrationContent:
     """What a scheme sees, and with `estimate` what a calibration by it gave.
 
     `truth` (24,), SI, where the IMU is emulated; `wander` if the filter was told that the biases wander, `noise`
-    what the record shows of its noise, `corrected` if the estimate is with that. Arrays in printed units: by
+    what the record shows of its noise, `corrected` if the estimate is with that. `budgets`:
+    of the parameters. Arrays in printed units: by
     state, shape (30,), by parameter (24,), or by position (positions, 30).
     """
 
@@ -89,6 +91,7 @@ class CalibrationContent:
     wander: BiasWander | None = None
     noise: RecordNoise | None = None
     corrected: bool = False
+    budgets: Mapping[str, Budget] = field(default_factory=dict)
 
     @cached_property
     def prior(self) -> Array:
@@ -182,6 +185,7 @@ def calibration_page(content: CalibrationContent) -> Page:
             warnings(content.warnings),
             Section("Schedule", [Facts([Fact("Turns", " ".join(map(str, schedule.moves)), code=True)])]),
             Section("States", [_states(content)]),
+            Section("Uncertainty of the parameters", _uncertainties(content)),
             Section("Degrees as turns are added", [_degrees(_first_turns(content.evaluation))]),
             Section("Beside the classical schemes", [_degrees(_others(content.evaluation))]),
             Section("Poorly seen combinations", [Notes(content.poorly_seen)]),
@@ -250,6 +254,30 @@ def _state(content: CalibrationContent, number: int) -> Row:
         z = float(content.z[parameter]) if parameter >= 0 else float("nan")
         cells.append(Cell(significant(z, 2), "doubt" if abs(z) > 3.0 else "plain"))
     return named(_model().STATE_NAMES[number], *cells)
+
+
+def _uncertainties(content: CalibrationContent) -> list[Block]:
+    """Return value and 95 % interval of every parameter, and how much of the variance noise and bench make."""
+    rows = []
+    units = dict(zip(_model().PARAMETER_NAMES, _model().STATE_UNITS[6:], strict=True))
+    for name, budget in content.budgets.items():
+        noise, *bench = budget.contributions
+        row = named(
+            name,
+            significant(budget.value, 4),
+            significant(budget.half_width, 2),
+            units[name],
+            f"{100.0 * budget.share(noise):.1f}",
+            ", ".join(f"{part.source.rsplit('_', 1)[0].replace('_', ' ')} {100.0 * budget.share(part):.1f} %, "
+                      f"{part.origin}" for part in bench) or DASH,
+        )  # fmt: skip
+        rows.append(row)
+    heads = ["Parameter", ">Estimate", ">±", "Unit", ">Noise [%]", "The bench, share and certificate"]
+    caption = (
+        "± is half of the 95 % interval (JCGM 100): noise as the filter has it, gravity, time base and latitude "
+        "as their certificates have them. Angles of the table are no references of a scheme and add nothing."
+    )
+    return [Table(heads, rows, caption)] if rows else []
 
 
 def _degrees(schemes: Mapping[str, Evaluation]) -> Table:

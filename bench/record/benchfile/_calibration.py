@@ -22,6 +22,7 @@ Quantity = Literal[
     "latitude_deg",
     "unit_temp_c",
     "air_temp_c",
+    "gravity_mps2",
     "supply_voltage_v",
 ]
 Distribution = Literal["normal", "rectangular", "triangular", "arcsine"]

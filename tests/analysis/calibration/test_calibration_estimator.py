@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -15,18 +16,22 @@ from bench.analysis.calibration import (
     PARAMETERS,
     UNIT_SIZE,
     BiasWander,
+    CalibrationRun,
     Noise,
     Schedule,
     Site,
     Task,
+    calibrate,
     load_scheme,
 )
+from bench.analysis.calibration._budget import parameter_budgets
 from bench.analysis.calibration._conventions import pack, unpack
 from bench.analysis.calibration._estimator import Options, estimate
 from bench.analysis.calibration._model import observability_matrix
 from bench.analysis.calibration._navigation import Increments, navigate
 from bench.analysis.calibration._schedule import parse_moves
 from bench.analysis.common.attitude import cross_matrix
+from bench.record.benchfile import Calibration as Certificate
 from benchmarks._turned_imu import Rest, Turn, measure_motion
 from drivers.base.constants import UG_MPS2
 from drivers.base.errors import RecordError
@@ -72,6 +77,12 @@ def record(
 
 def drawn(seed: int) -> np.ndarray:
     return np.random.default_rng(seed).standard_normal(24) * TASK.prior_sigma[PARAMETERS]
+
+
+def certificate(quantity: str, uncertainty: float, error: float = 0.0) -> Certificate:
+    days = {"date": date(2026, 5, 4), "due": date(2027, 5, 4)}
+    numbers = {"uncertainty": uncertainty, "error": error}
+    return Certificate(quantity=quantity, instrument="x", certificate="C-7", **days, **numbers)
 
 
 def errors_of(parameters: np.ndarray) -> ImuErrors:
@@ -134,6 +145,60 @@ def test_an_error_of_gravity_goes_into_the_accelerometer_scale_factors_only() ->
     np.testing.assert_allclose(change[diagonal] / 1e-6, 50.98, atol=0.1)
     others = np.delete(np.arange(24), diagonal)
     assert np.abs(change[others] / clean.sigma[others]).max() < 0.05
+
+
+@pytest.mark.parametrize(("rates", "names"), [(True, "Kg"), (False, "Ka")], ids=["rates", "increments"])
+def test_a_time_base_off_by_200_ppm_is_a_scale_factor_as_the_budgets_have_it(rates: bool, names: str) -> None:
+    """Of the gyros where the unit sends rates, of the accelerometers where it sends increments."""
+    data, twice = record(scheme("23-position")), Options(passes=2)
+    clean = estimate(data, TASK, twice)
+    scale = 1.0 + 200e-6
+    kept = scale if rates else 1.0
+    wrong = Increments(data.period_s * scale, data.angle_rad * kept, data.velocity_mps * kept)
+    change = estimate(wrong, TASK, twice).parameters - clean.parameters
+    diagonal = [PARAMETER_NAMES.index(f"{names}_{axis}{axis}") for axis in "xyz"]
+    budgets = parameter_budgets(clean, TASK.site.gravity_mps2, np.zeros(24))
+    for number in diagonal:
+        parts = {part.source: part for part in budgets[PARAMETER_NAMES[number]].contributions}
+        told = 200.0 * parts["time_base_ppm"].sensitivity
+        assert abs(change[number] / UNITS[number]) == pytest.approx(told, rel=0.02)
+
+
+def test_the_budgets_of_a_calibration_have_gravity_and_time_base_beside_the_noise() -> None:
+    """A certificate of 1 mGal and 2 ppm, k = 2: 0.05 and 1 ppm; gravity told too high by 10 mGal is taken off."""
+    clean = estimate(record(scheme("23-position")), TASK, Options(passes=2))
+    told = [certificate("gravity_mps2", 1e-5, 1e-4), certificate("time_base_ppm", 2.0)]
+    budgets = parameter_budgets(clean, TASK.site.gravity_mps2, np.zeros(24), told)
+    assert tuple(budgets) == PARAMETER_NAMES
+    scale, bias = budgets["Ka_yy"], budgets["eps_y"]
+    number = PARAMETER_NAMES.index("Ka_yy")
+    sigma_ppm = clean.sigma[number] / 1e-6
+    gravity_ppm = 1e6 * 0.5e-5 / TASK.site.gravity_mps2
+    assert scale.combined == pytest.approx(math.hypot(sigma_ppm, gravity_ppm, 1.0), rel=1e-6)
+    off_ppm = 1e6 * 1e-4 / TASK.site.gravity_mps2
+    assert scale.value == pytest.approx(clean.parameters[number] / 1e-6 + off_ppm, abs=1e-6)
+    assert [part.source for part in bias.contributions] == ["noise", "latitude_deg"]
+    assumed = parameter_budgets(clean, TASK.site.gravity_mps2, np.zeros(24))["Ka_yy"]
+    assert assumed.combined > 30.0 and {part.origin for part in assumed.contributions} == {
+        "filter",
+        "assumed",
+    }
+
+
+def test_a_latitude_told_wrong_is_taken_off_where_a_certificate_says_so() -> None:
+    """Told 0.04 deg too far north, an IMU without errors has them; the certificate knows it to 0.001 deg."""
+    schedule = scheme("23-position")
+    run = CalibrationRun(
+        "r", "", "imu", "U", TASK.site.latitude_deg + 0.04, record(schedule), schedule, "by-hand", "", (), None,
+        (certificate("latitude_deg", 0.002, 0.04),),
+    )  # fmt: skip
+    told = {"gravity_mps2": TASK.site.gravity_mps2, "as_told": True}
+    budgets = calibrate(run, TASK.noise, **told).budgets
+    worst = max(budgets, key=lambda name: abs(budgets[name].stated) / budgets[name].contributions[0].standard)
+    assert abs(budgets[worst].stated) > 1.5 * budgets[worst].contributions[0].standard
+    for budget in budgets.values():
+        left = abs(budget.value) / max(abs(budget.stated), 1e-12)
+        assert left < 0.1 or abs(budget.value) < 0.15 * budget.contributions[0].standard
 
 
 def test_a_crooked_table_does_no_harm() -> None:

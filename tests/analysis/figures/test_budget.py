@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from bench.analysis.common.bench_errors import ASSUMED, ASSUMED_ORIGIN, BenchErrors
 from bench.analysis.figures import Figure
-from bench.analysis.figures._budget import ASSUMED, ASSUMED_ORIGIN, BenchErrors, with_budgets
+from bench.analysis.figures._budget import with_budgets
 from bench.analysis.figures._from_run import figures_of_record
 from bench.record.events.run import Interval
 from benchmarks.metrology import BENCH, GRADES, MISALIGNMENT, Faults, Unit, certificate, truth

@@ -14,10 +14,11 @@ from scipy.stats import chi2
 from bench.analysis.common.allan import allan_deviation
 from bench.analysis.common.allan_confidence import noise_exponents
 from bench.analysis.common.allan_noise import NoiseCoefficients, _Scatter, fit_noise
+from bench.analysis.common.bench_errors import ASSUMED, BenchErrors
 from bench.analysis.common.mean_noise import covariance_of_means, white_variance
 from bench.analysis.figures import Figure, StandardFigures, figures_over_runs
 from bench.analysis.figures._bias import RateStep, _blocks_outside, _course, bias_figures, threshold
-from bench.analysis.figures._budget import ASSUMED, BenchErrors, _cosine, with_budgets
+from bench.analysis.figures._budget import _cosine, with_budgets
 from bench.analysis.figures._estimate import Estimate, _where, largest, linear, spread
 from bench.analysis.figures._parts import PARTS, _earth_dph
 from bench.analysis.figures._record import Record, _whole

@@ -12,9 +12,10 @@ from scipy.stats import norm
 from bench.analysis.common.allan import allan_deviation
 from bench.analysis.common.allan_confidence import confidence_interval, noise_exponents
 from bench.analysis.common.allan_noise import NoiseCoefficients, _intervals, fit_noise
+from bench.analysis.common.bench_errors import BenchErrors
 from bench.analysis.figures import Figure, _record
 from bench.analysis.figures._bias import bias_figures, warm_up_time_s
-from bench.analysis.figures._budget import BenchErrors, with_budgets
+from bench.analysis.figures._budget import with_budgets
 from bench.analysis.figures._from_run import figures_of_record
 from bench.analysis.figures._parts import PARTS, noise_figures, noise_of
 from bench.analysis.figures._record import Record

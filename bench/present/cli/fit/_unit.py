@@ -143,6 +143,7 @@ def calibration(
             wander=result.wander,
             noise=result.noise,
             corrected=result.corrected,
+            budgets=result.budgets,
         )
     compensation = result.compensation((*content.poorly_seen, *content.warnings))
     with saved_together(out) as part:
@@ -154,6 +155,7 @@ def calibration(
     console.say_json(
         "result",
         compensation=compensation.describe(),
+        uncertainty={name: budget.half_width for name, budget in content.budgets.items()},
         innovation_rms=result.estimate.innovation_rms,
         poorly_seen=content.poorly_seen,
         warnings=content.warnings,
