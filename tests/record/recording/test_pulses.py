@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.record.recording import PulseReport
+from bench.record.recording import PortJournal, PulseReport
+from bench.record.recording._decode import decode_stream
 from bench.record.recording._pulses import PulseTimer, warnings_of
 from bench.record.recording._timing import StreamTiming
 
@@ -137,3 +138,53 @@ def test_two_pulses_make_no_line_and_a_unit_without_has_no_report():
     count = 16 * np.arange(1, 125 * 2)
     assert report(count, told(count)) == PulseReport(2, 0, 1.0)
     assert report(NONE, np.zeros(0)) is None and warnings_of(None) == ()
+
+
+def test_a_stream_of_ticks_is_timed_by_ticks_and_pulses(tmp_path, fake):
+    """Four ticks a sample at 100 Hz: a count is 2.5 ms. The unit's clock is 60 ppm fast, the bench's is right."""
+
+    class Telling(fake.Decoder):
+        counter_step = 4.0
+        pulse_resolution_s = 1e-7
+
+        def feed(self, data):
+            batch = super().feed(data)
+            batch.columns["since_pulse_s"] = batch.columns["delta"].astype(np.float64)
+            return batch
+
+    unit_ppm = 60.0
+    true_s = 0.01 * np.arange(1, 6001) / (1.0 + unit_ppm * 1e-6)
+    since_s = np.mod(true_s - 0.123, 0.5) * (1.0 + unit_ppm * 1e-6)
+    port = PortJournal(tmp_path, "fog")
+    for number, (at_s, since) in enumerate(zip(true_s, since_s, strict=True)):
+        port.received(fake.encode(4 * number % 128, float(since)), 2.0 + at_s)
+    port.flush(sync=False)
+    found = decode_stream(tmp_path, fake.source(decoder=Telling, pulse_interval_s=0.5)).pulses
+    assert (found.pulses, found.missed, found.interval_s) == (120, 0, 0.5)
+    assert found.unit_clock_error_ppm == pytest.approx(unit_ppm, abs=0.01)  # the time is a float of 32 bits
+    assert found.bench_clock_error_ppm == pytest.approx(0.0, abs=0.1)
+    # least squares: s / (T sqrt(n / 12)) from scatter, 1.5 steps / T / sqrt(3) from rounding
+    scattered = found.scatter_s / (60.0 * math.sqrt(10.0))
+    told = 1e6 * math.hypot(scattered, 1.5 * 1e-7 / 60.0 / math.sqrt(3.0))
+    assert found.unit_clock_uncertainty_ppm == pytest.approx(told, rel=0.02)
+
+
+def test_every_stretch_between_restarts_costs_a_degree_of_freedom():
+    """Five pulses of 10 us scatter in two stretches: two means and a slope leave two of them."""
+    count = 16 * np.arange(1, 125 * 5 + 1)
+    late_s = 1e-5 * np.array([0.0, 1.0, -1.0, 1.0, 1.0])
+    true_s, pulses_s = count / TICKS_HZ, np.arange(-1, 5) + 0.3 + np.append(0.0, late_s)
+    since_s = true_s - pulses_s[np.searchsorted(pulses_s, true_s, side="right") - 1]
+    found = report(count, since_s, begins=[int(125 * 2.5)], step_s=0.0)
+    true, unit = [], []
+    for part in (slice(0, 3), slice(3, 5)):
+        own = np.arange(5.0)[part]
+        true.append(own - own.mean())
+        unit.append(late_s[part] - late_s[part].mean())
+    x, y = np.concatenate(true), np.concatenate(unit)
+    left = y - x * (x @ y) / (x @ x)
+    assert found.pulses == 5
+    assert found.scatter_s == pytest.approx(math.sqrt(left @ left / 2), rel=1e-6)
+    assert found.unit_clock_uncertainty_ppm == pytest.approx(
+        1e6 * found.scatter_s / math.sqrt(x @ x), rel=1e-9
+    )
