@@ -34,12 +34,14 @@ from drivers.base.arrays import Array
 
 if TYPE_CHECKING:
     from bench.analysis.calibration import BiasWander, CalibrationRun, Estimate, Evaluation, RecordNoise
-    from bench.analysis.common.uncertainty import Budget
+    from bench.analysis.common.uncertainty import Budget, Contribution
 
 _CLASSICAL = ("19-position-z-up", "19-position", "23-position")
 _PAINTS = (BLUE, ORANGE, GREEN, PURPLE, SAND, MUTED)
 _FULL_DECADES = 3.0
 _BLIND = 2.0
+_SHOWN = 0.0005
+"""Shares of a variance above this are listed."""
 _SIGMAS = {
     True: "The sigmas are with the noise that the record shows.",
     False: "Every sigma here is with the noise that was told, and wrong accordingly.",
@@ -256,21 +258,26 @@ def _state(content: CalibrationContent, number: int) -> Row:
     return named(_model().STATE_NAMES[number], *cells)
 
 
+def _of_bench(part: Contribution, share: float) -> str:
+    what = part.source.rsplit("_", 1)[0].replace("_", " ")
+    return f"{what} {100.0 * share:.1f} %, {part.origin}"
+
+
 def _uncertainties(content: CalibrationContent) -> list[Block]:
     """Return value and 95 % interval of every parameter, and how much of the variance noise and bench make."""
     rows = []
     units = dict(zip(_model().PARAMETER_NAMES, _model().STATE_UNITS[6:], strict=True))
     for name, budget in content.budgets.items():
         noise, *bench = budget.contributions
+        shown = [part for part in bench if budget.share(part) > _SHOWN]
         row = named(
             name,
             significant(budget.value, 4),
             significant(budget.half_width, 2),
             units[name],
             f"{100.0 * budget.share(noise):.1f}",
-            ", ".join(f"{part.source.rsplit('_', 1)[0].replace('_', ' ')} {100.0 * budget.share(part):.1f} %, "
-                      f"{part.origin}" for part in bench) or DASH,
-        )  # fmt: skip
+            "; ".join(_of_bench(part, budget.share(part)) for part in shown) or DASH,
+        )
         rows.append(row)
     heads = ["Parameter", ">Estimate", ">±", "Unit", ">Noise [%]", "The bench, share and certificate"]
     caption = (

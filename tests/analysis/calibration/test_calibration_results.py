@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from bench.analysis.calibration import (
 )
 from bench.analysis.calibration._calibrate import read_increments
 from bench.analysis.calibration._conventions import unpack
+from bench.analysis.common.uncertainty import Budget, Contribution
 from bench.present.cli import _scheme as commands
 from bench.present.cli.fit._unit import calibration
 from bench.present.report import CalibrationContent, calibration_page, render_page
@@ -132,3 +134,16 @@ def test_the_heat_map_has_a_cell_for_every_state_and_position() -> None:
     page = render_page(calibration_page(CalibrationContent(evaluation)))
     heat = page[page.index("Gain of every state") :]
     assert heat.count("fill-opacity") + heat.count("opacity:") >= 30 * 11 - 60
+
+
+def test_the_page_has_what_noise_and_bench_make_of_every_parameter() -> None:
+    """3 ppm of noise beside 4 ppm of the time base: 5 ppm, 9.8 ppm for 95 %, of which noise makes 36 %."""
+    noise = Contribution("noise", 3.0, kind="A", origin="filter")
+    time_base = Contribution("time_base_ppm", 4.0, origin="C-7")
+    small = Contribution("latitude_deg", 1e-3, origin="assumed")
+    content = CalibrationContent(
+        evaluate(TASK, load_scheme("t10")), budgets={"Kg_xx": Budget(12.0, (noise, time_base, small))}
+    )
+    page = render_page(calibration_page(content)).rpartition("Uncertainty of the parameters")[2]
+    cells = re.findall(r"<td[^>]*>(?:<[^>]*>)*([^<]*)", page.partition("Kg_xx")[2])[:5]
+    assert cells == ["12.00", "9.8", "ppm", "36.0", "time base 64.0 %, C-7"]
