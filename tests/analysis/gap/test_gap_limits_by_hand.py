@@ -25,6 +25,7 @@ from bench.analysis.gap._lines import strongest_line
 from bench.analysis.gap._position import PositionRun, PositionSignal
 from bench.analysis.gap._prepare import prepare
 from bench.analysis.gap._rows import steady_beside
+from bench.analysis.gap._stochastic import DIFFERS
 from bench.analysis.gap._unknown import Remainder
 from tests.analysis.gap.conftest import effect, made_run, stimulus
 
@@ -310,3 +311,29 @@ def test_beside_something_unknown_a_cause_is_held_against_the_runs_by_itself(
     assert found.verdict == (
         "unknown" if not named else "explained in part" if unknown > 0.5 else "explained"
     )
+
+
+def test_where_repeats_differ_a_cause_is_there_in_every_one_of_them(monkeypatch):
+    """Of two causes one has 0.6 of itself in the least of three repeats, the other 0.4."""
+    monkeypatch.setattr(_rate, "candidate_variants", lambda *_: effect("warm_up").variants())
+    rng = np.random.default_rng(1)
+    runs = [made_run(name, TURNING, rng) for name in "abc"]
+    signal, model = _rate.RateSignal(), Model("m", (), WHITE)
+    data = signal.prepare(runs, model)
+    found, variants = signal.which(data)
+    noise = replace(found.data.noise, probabilities={"": 0.05, DIFFERS: 0.95})
+    sets = replace(found, data=replace(found.data, noise=noise)), variants
+    terms = terms_of(warm_up=30.0, bias_quadratic=1.0)
+    causes = tuple(Cause(term.name, "", 0.9, term, {}) for term in terms)
+    monkeypatch.setattr(_rate, "causes_of", lambda *_: (causes, ()))
+    monkeypatch.setattr(_rate, "set_weights", lambda _: {frozenset(EFFECTS): (0.95, 0.05)})
+    parts = {("a", "b", "c"): [1.0, 1.0], ("a",): [0.9, 0.7], ("b",): [0.6, 0.9], ("c",): [0.8, 0.4]}
+
+    def holding(self, finding, data, sets, runs, among=None):
+        return parts[tuple(run.run_id for run in runs)]
+
+    monkeypatch.setattr(_rate.RateSignal, "_holding", holding)
+    found = signal.finding(data, sets)
+    assert found.causes == causes[:1] and found.resembles == causes[1:]
+    assert found.verdict == "explained in part"
+    assert found.warnings[-1] == "not named, less than half of it is there in every repeat: bias_quadratic"
