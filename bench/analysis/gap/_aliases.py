@@ -34,7 +34,7 @@ class RowLine:
         if math.isnan(self.frequency_hz):
             return f"{means} may be an alias: its cause may lie off by multiples of {1 / self.period_s:g} Hz"
         at = f"{self.frequency_hz:.5g} Hz in the log's rows, {self.amplitude_dph:.3g} deg/h"
-        if abs(self.frequency_hz - self.seen_hz) < 0.5 / self.period_s:
+        if self.frequency_hz <= 0.5 / self.period_s:
             return f"{means} is at {at}"
         return f"{means} is an alias: it is at {at}"
 

@@ -37,7 +37,8 @@ def write_case(folder: Path, runs: Sequence[GapRun]) -> Path:
         _write_run(folder / file, run)
         changes = [0, *(np.flatnonzero(run.phase[1:] != run.phase[:-1]) + 1).tolist()]
         phases = ", ".join(
-            f"{{ name = {json.dumps(str(run.phase[k]))}, start_s = {float(k)} }}" for k in changes
+            f"{{ name = {json.dumps(str(run.phase[k]))}, start_s = {float(k * run.stimulus.period_s)} }}"
+            for k in changes
         )
         lines += ["", "[[run]]", f"file = {json.dumps(file)}", f"run_id = {json.dumps(run.run_id)}"]
         lines += [f"profile = {json.dumps(run.profile)}", f"condition = {json.dumps(run.condition)}"]

@@ -81,14 +81,14 @@ def strongest_line(
         log_p = _log_tail(energy[first:] / ratio[first:], size)
         for line_hz in named_hz:
             cycles = abs((line_hz * period_s + 0.5) % 1.0 - 0.5)
-            own = round(2.0 * cycles * (residual.shape[1] + 1)) // _WIDTH - first
+            own = (round(2.0 * cycles * (residual.shape[1] + 1)) - 1) // _WIDTH - first
             log_p[max(own - 1, 0) : max(own + 2, 0)] = 0.0
         k = int(np.argmin(log_p)) + first
         excess = float(energy[k] - around[k])
         evidence = -float(log_p[k - first]) - math.log(looked_at) - _CAUTION
         if evidence <= 0.0 or excess < _MISFIT_SHARE * sum(gaps.get(run.profile, 0.0) for run in runs):
             continue
-        middle = (k + 0.5) * _WIDTH + 1.0
+        middle = (k + 0.5) * _WIDTH + 0.5  # window 0 holds the coefficients 1 .. 8
         own_s = 2.0 * (residual.shape[1] + 1) * period_s / middle
         power = float(spectrum(noise, np.array([middle / (residual.shape[1] + 1)]), period_s)[0])
         amplitude = math.sqrt(2.0 * excess * power / residual.size)

@@ -110,7 +110,7 @@ def _full(run: GapRun, blocks: Sequence[Array], noise: Noise) -> NDArray[np.floa
 def _slow(run: GapRun, blocks: Sequence[Array], noise: Noise) -> NDArray[np.float32]:
     """Return `transformed` of blocks of smooth rows down to periods of about 20 s, (columns, m), from means.
 
-    The transform of means over b samples lacks the factor sin(b x)/(sqrt(b) sin x), x = pi k / 2n, at number k.
+    The transform of means over b samples lacks the factor b sqrt(b) sin x / sin(b x), x = pi k / 2n, at number k.
     """
     filled = bridge(run.missing, run.stimulus.period_s, noise)
     n = len(run.stimulus)
@@ -122,7 +122,7 @@ def _slow(run: GapRun, blocks: Sequence[Array], noise: Noise) -> NDArray[np.floa
         means[at : at + len(block)] = filled.over(block).reshape(len(block), n // b, b).mean(axis=2)
         at += len(block)
     angle = 0.5 * np.pi * np.arange(1, n // b) / n
-    factor = np.sin(b * angle) / (np.sqrt(b) * np.sin(angle))
+    factor = b * np.sqrt(b) * np.sin(angle) / np.sin(b * angle)
     return np.asarray(dct(means, norm="ortho", axis=-1)[:, 1:] * factor, dtype=np.float32)
 
 

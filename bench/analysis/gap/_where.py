@@ -97,7 +97,7 @@ def phase_map(groups: Sequence[Group], residuals: Sequence[Array], floor: Floor,
                 own = float(energy[at].sum()) / (1.0 + 2.0 * floor.sigma[band])
                 excess = max(own - floor_energy, 0.0)
                 rms = np.sqrt(excess * float(power[part].mean()) * floor.ratio[band] / (len(kept) * at.sum()))
-                ratio, start_s = float(own / floor_energy), float(np.argmax(at))
+                ratio, start_s = float(own / floor_energy), float(np.argmax(at) * period_s)
                 found.append(
                     Place(group.profile, phase, BANDS[band], float(rms), excess, ratio, 1.0, start_s)
                 )

@@ -66,18 +66,19 @@ N = 1000
 EXACT = Floor(np.ones(len(BANDS)), np.zeros(len(BANDS)), from_repeats=True)
 
 
-def group_of(conditions, repeats, seed=1):
+def group_of(conditions, repeats, seed=1, period_s=1.0):
     rng = np.random.default_rng(seed)
     runs = []
     for condition in conditions:
-        s = stimulus(N, rate_dps=float(condition))
+        s = replace(stimulus(N, rate_dps=float(condition)), period_s=period_s)
         runs.append(tuple(made_run(f"{condition} {k}", s, rng, condition=condition) for k in range(repeats)))
     return Group("shock", tuple(conditions), tuple(runs))
 
 
-def test_rows_of_runs_have_the_products_of_their_cells():
+@pytest.mark.parametrize("period_s", [1.0, 2.0, 0.25])
+def test_rows_of_runs_have_the_products_of_their_cells(period_s):
     """With any variance; those that repeats share are the first of each condition's contrasts."""
-    group, rng = group_of(("+5", "-5"), 2), np.random.default_rng(2)
+    group, rng = group_of(("+5", "-5"), 2, period_s=period_s), np.random.default_rng(2)
     columns = {run.run_id: rng.normal(size=(2, N)) for run in group.flat}
     stack = stacked(
         group.flat, lambda run: [run.output_dph[None], columns[run.run_id]], [False, False], WHITE
@@ -88,7 +89,7 @@ def test_rows_of_runs_have_the_products_of_their_cells():
     whole = stack.chosen(range(3))
     names, same, mix = mixing(group)
     assert names == ["common", "odd in rate"] * 2 and same == [True, True, False, False]
-    scaled = np.tensordot(mix, whole, axes=1) / 0.24
+    scaled = np.tensordot(mix, whole, axes=1) / 0.24 * math.sqrt(period_s)
     total = sum(each.products(np.arange(3)) for each in cells)
     assert total == pytest.approx(np.einsum("rik,rjk->ij", scaled, scaled), rel=1e-5)
     for parity in range(4):
@@ -109,7 +110,7 @@ def test_rows_of_runs_have_the_products_of_their_cells():
     assert np.einsum("irk,jrk->ij", alone, alone) == pytest.approx(
         sum(each.products(np.arange(3)) for each in raised), rel=1e-5
     )
-    assert raised[5].power == pytest.approx(0.24**2 * floor[raised[5].band])
+    assert raised[5].power == pytest.approx(0.24**2 / period_s * floor[raised[5].band])
     uneven = Group("shock", ("+5", "-5"), (group.runs[0], group.runs[1][:1]))
     assert mixing(uneven)[0] == ["+5 0", "+5 1", "-5 0"] and mixing(uneven)[2].tolist() == np.eye(3).tolist()
 
@@ -328,9 +329,9 @@ def test_a_line_in_means_may_be_an_alias_or_is_where_the_rows_have_it():
     assert line.sentence == (
         "the line at 0.2 Hz in means of 2 s may be an alias: its cause may lie off by multiples of 0.5 Hz"
     )
-    near, far = replace(line, frequency_hz=0.44, amplitude_dph=3.21987), replace(line, frequency_hz=0.46)
-    assert near.sentence == "the line at 0.2 Hz in means of 2 s is at 0.44 Hz in the log's rows, 3.22 deg/h"
-    assert "is an alias: it is at 0.46 Hz" in far.sentence
+    near, far = replace(line, frequency_hz=0.2004, amplitude_dph=3.21987), replace(line, frequency_hz=0.3)
+    assert near.sentence == "the line at 0.2 Hz in means of 2 s is at 0.2004 Hz in the log's rows, 3.22 deg/h"
+    assert "is an alias: it is at 0.3 Hz" in far.sentence
     rate, n = 20.0, 30_000
     wave = 9.0 * np.sin(2 * np.pi * 0.186 * np.arange(n) / rate) + np.random.default_rng(1).normal(size=n)
     wave[::7] = np.nan
@@ -543,15 +544,16 @@ def test_procedures_are_suggested_by_log_odds_an_hour_up_to_three_hundred(monkey
     assert suggest(SimpleNamespace(position=1)) == []
 
 
-def test_log_odds_are_half_the_square_of_what_tells_two_signals_apart():
+@pytest.mark.parametrize("period_s", [1.0, 2.0, 0.25])
+def test_log_odds_are_half_the_square_of_what_tells_two_signals_apart(period_s):
     """A warm-up of 3 deg/h against one of 2, and against nothing, of which a quarter may be misfit."""
-    s = stimulus(2000)
+    s = replace(stimulus(2000), period_s=period_s)
     design = Design("", {}, "t", {"a": s, "b": replace(s, angle_deg=s.angle_deg + 1.0)})
     model = Model("m", (), WHITE)
     three, two = term_of("warm_up", 3.0), term_of("warm_up", 2.0)
-    row = dct(three.variant.columns(s)[0], norm="ortho")[1:] / 0.24
+    row = dct(three.variant.columns(s)[0], norm="ortho")[1:] / 0.24 * math.sqrt(period_s)
     edges = [
-        math.floor(4000.0 / each)
+        math.floor(4000.0 * period_s / each)
         for each in (3500.0, 1400.0, 560.0, 300.0, 150.0, 75.0, 38.0, 20.0, 10.0, 5.0)
     ]
     bands = np.split(row, [*edges])

@@ -38,7 +38,6 @@ from bench.analysis.gap._fit import Floor, Solution, beside_nominal
 from bench.analysis.gap._import import read_imported_run, read_mapped_runs
 from bench.analysis.gap._lines import strongest_line
 from bench.analysis.gap._model_file import ChannelTerm, DisturbanceTerm, model_text, parse_model
-from bench.analysis.gap._noise import power_of
 from bench.analysis.gap._position import PositionRun, PositionSignal, _term
 from bench.analysis.gap._run_folder import _between_polls, load_gap_runs
 from bench.analysis.gap._series import write_missing
@@ -435,9 +434,10 @@ def test_a_platforms_verdict_follows_the_probabilities(monkeypatch):
     assert _term(model, before).values == (*np.arange(10.0, 19.0), 2.0)
 
 
-def test_shares_by_phase_are_of_the_energy_that_bands_with_a_gap_have_in_each_phase():
+@pytest.mark.parametrize("period_s", [1.0, 2.0])
+def test_shares_by_phase_are_of_the_energy_that_bands_with_a_gap_have_in_each_phase(period_s):
     """White noise of sigma, so a row over sigma is white; energies by scipy's transform, band by band."""
-    s, rng = stimulus(1200), np.random.default_rng(4)
+    s, rng = replace(stimulus(1200), period_s=period_s), np.random.default_rng(4)
     slope = effect("bias_linear").variants()[0]
     course = slope.columns(s)[0]
     extra = 2.0 * course + np.where(np.arange(1200) >= 900, 3.0 * np.sin(np.arange(1200) / 40.0), 0.0)
@@ -452,7 +452,7 @@ def test_shares_by_phase_are_of_the_energy_that_bands_with_a_gap_have_in_each_ph
     found = _shares_by_phase(before, after, [run], floor, cells, on)
     rows = np.stack([run.output_dph - model.predict(s) for model in (before, after)])
     filled = bridge(run.missing, s.period_s, WHITE).over(rows)
-    sigma = math.sqrt(float(power_of(WHITE, 1200, s.period_s)[0]))
+    sigma = 0.24 / math.sqrt(period_s)
     energy = np.zeros((2, 1200))
     expected = 0.0
     for band in (1, 2, 3):

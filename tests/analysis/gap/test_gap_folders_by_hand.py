@@ -505,12 +505,13 @@ def test_a_file_of_ones_own_has_an_effect_or_a_function(monkeypatch, tmp_path, e
     assert list(own) == (["mine"] if function else [])
 
 
-def test_a_case_is_read_as_it_was_written(tmp_path):
+@pytest.mark.parametrize("period_s", [1.0, 2.0])
+def test_a_case_is_read_as_it_was_written(tmp_path, period_s):
     rng = np.random.default_rng(1)
     runs = []
     for name, condition in (("a 1", "+2"), ("a 2", "-2")):
         s = stimulus(600, rate_dps=float(condition))
-        s = replace(s, time_s=s.time_s + 40.0)
+        s = replace(s, time_s=40.0 + period_s * s.time_s, period_s=period_s)
         run = made_run(name, s, rng, condition=condition)
         phase = np.repeat(["room", "shock", "room", "end"], [150, 101, 300, 49])
         runs.append(replace(run, phase=phase))
@@ -527,6 +528,7 @@ def test_a_case_is_read_as_it_was_written(tmp_path):
         for name in ("time_s", "t_in_c", "t_out_c", "angle_deg", "elevation_deg"):
             assert getattr(again.stimulus, name) == pytest.approx(getattr(run.stimulus, name), abs=1e-9)
         assert again.stimulus.latitude_deg == run.stimulus.latitude_deg
+        assert again.stimulus.period_s == period_s
 
 
 def slope(size, s):
@@ -536,8 +538,9 @@ def slope(size, s):
     return term, size * variant.columns(s)[0]
 
 
-def test_differences_are_means_of_repeats_over_100_s_each_runs_bias_out():
-    s, rng = stimulus(4000), np.random.default_rng(1)
+@pytest.mark.parametrize(("period_s", "width"), [(1.0, 101), (2.0, 51), (4.0, 25)])
+def test_differences_are_means_of_repeats_over_100_s_each_runs_bias_out(period_s, width):
+    s, rng = replace(stimulus(4000), period_s=period_s), np.random.default_rng(1)
     term, course = slope(20.0, s)
     runs = [
         replace(
@@ -548,8 +551,8 @@ def test_differences_are_means_of_repeats_over_100_s_each_runs_bias_out():
     before, after = Model("m", (), WHITE), Model("m", (term,), WHITE)
     (found,) = differences(runs, before, after, points=4000)
     assert (found.profile, found.condition, found.time_s.tolist()) == ("shock", "0", s.time_s.tolist())
-    mean = np.convolve(course - course.mean(), np.full(101, 1 / 101), mode="valid")
-    assert found.before_dph[50:-50] == pytest.approx(mean, abs=0.01)
+    mean = np.convolve(course - course.mean(), np.full(width, 1 / width), mode="valid")
+    assert found.before_dph[width // 2 : -(width // 2)] == pytest.approx(mean, abs=0.01)
     assert found.after_dph == pytest.approx(np.zeros(4000), abs=0.01)
     assert len(differences(runs, before, after, points=7)[0].time_s) == 7
 

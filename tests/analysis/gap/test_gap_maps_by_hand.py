@@ -35,21 +35,22 @@ def floor_of(ratio=1.0, sigma=0.0):
     return Floor(np.linspace(1.0, 2.0, len(BANDS)) * ratio, np.linspace(0.0, sigma, len(BANDS)), True)
 
 
-def two_groups():
-    """Two conditions of one profile of 2000 s and another profile, 500 s of a phase of it missing."""
+def two_groups(period_s):
+    """Two conditions of one profile of 2000 samples and another profile, 450 of a phase of it missing."""
     rng = np.random.default_rng(1)
     runs = [
-        made_run(name, stimulus(N, rate_dps=rate), rng, condition=name)
+        made_run(name, replace(stimulus(N, rate_dps=rate * period_s), period_s=period_s), rng, condition=name)
         for name, rate in (("+5", 5.0), ("-5", -5.0))
     ]
-    other = made_run("ramp", stimulus(N), rng, profile="ramp")
+    other = made_run("ramp", replace(stimulus(N), period_s=period_s), rng, profile="ramp")
     other = replace(other, output_dph=np.where(np.arange(N) < 450, np.nan, other.output_dph))
     groups = [Group("shock", ("+5", "-5"), ((runs[0],), (runs[1],))), Group("ramp", ("0",), ((other,),))]
     return groups, [rng.normal(0.0, 2.2, (2, N - 1)), rng.normal(0.0, 1.3, (1, N - 1))]
 
 
-def test_a_map_of_phases_is_what_a_bands_inverse_transform_has_in_each():
-    groups, residuals = two_groups()
+@pytest.mark.parametrize("period_s", [1.0, 2.0, 0.25])
+def test_a_map_of_phases_is_what_a_bands_inverse_transform_has_in_each(period_s):
+    groups, residuals = two_groups(period_s)
     floor = floor_of(sigma=0.2)
     found = {
         (place.profile, place.part, place.band): place for place in phase_map(groups, residuals, floor, WHITE)
@@ -57,7 +58,9 @@ def test_a_map_of_phases_is_what_a_bands_inverse_transform_has_in_each():
     rows, p_raw = [], []
     for group, own in zip(groups, residuals, strict=True):
         run = group.runs[0][0]
-        for band, part in enumerate(band_slices(N, 1.0)):
+        for band, part in enumerate(band_slices(N, period_s)):
+            if part.start == part.stop:
+                continue
             only = np.zeros((len(own), N))
             only[:, 1 + part.start : 1 + part.stop] = own[:, part]
             energy = (idct(only, norm="ortho", axis=1) ** 2).sum(axis=0) / floor.ratio[band]
@@ -66,10 +69,9 @@ def test_a_map_of_phases_is_what_a_bands_inverse_transform_has_in_each():
                 expected = len(own) * (part.stop - part.start) / N * at.sum()
                 seen = energy[at].sum() / (1.0 + 2.0 * floor.sigma[band])
                 excess = max(seen - expected, 0.0)
-                rms = math.sqrt(excess * 0.24**2 * floor.ratio[band] / (len(own) * at.sum()))
-                rows.append(
-                    ((group.profile, phase, BANDS[band]), excess, rms, seen / expected, float(np.argmax(at)))
-                )
+                power = 0.24**2 / period_s * floor.ratio[band]
+                rms, start_s = math.sqrt(excess * power / (len(own) * at.sum())), period_s * np.argmax(at)
+                rows.append(((group.profile, phase, BANDS[band]), excess, rms, seen / expected, start_s))
                 p_raw.append(chi2.sf(seen, max(expected, 1.0)))
     p_values = multipletests(p_raw, method="holm")[1]
     shares = np.array([row[1] for row in rows]) * (p_values < 0.01)
@@ -85,11 +87,12 @@ def test_a_map_of_phases_is_what_a_bands_inverse_transform_has_in_each():
     )
 
 
-def test_a_map_of_regimes_gathers_the_bands_with_a_gap_by_intervals_of_an_input():
-    groups, residuals = two_groups()
+@pytest.mark.parametrize("period_s", [1.0, 2.0, 0.25])
+def test_a_map_of_regimes_gathers_the_bands_with_a_gap_by_intervals_of_an_input(period_s):
+    groups, residuals = two_groups(period_s)
     floor, bands = floor_of(sigma=0.2), {"shock": {5, 9}, "ramp": {10}}
     found = {(place.of, place.low): place for place in regime_map(groups, residuals, floor, WHITE, bands)}
-    slices = band_slices(N, 1.0)
+    slices = band_slices(N, period_s)
     sums = np.zeros((4, 3))
     edges = (-7.0, -0.5, 0.5, 7.0)  # of the table's rate
     for group, residual in zip(groups, residuals, strict=True):
@@ -107,7 +110,7 @@ def test_a_map_of_regimes_gathers_the_bands_with_a_gap_by_intervals_of_an_input(
                     sums[:3, k] += (
                         energy[at].sum(),
                         expected * at.sum(),
-                        (energy[at] - expected).sum() * 0.24**2 * floor.ratio[band],
+                        (energy[at] - expected).sum() * 0.24**2 / period_s * floor.ratio[band],
                     )
             sums[3] += [(kept & (row == k)).sum() for k in range(3)]
     gap = np.maximum(sums[0] - sums[1], 0.0)

@@ -124,8 +124,12 @@ def test_three_fifths_of_a_run_may_be_missing(missing, refused):
         check_runs([])
 
 
-def test_a_demand_ends_when_its_axis_is_told_another_or_the_table_is_made_safe():
-    axis = load_bench_file(DEMO).table.all_axes[-1].name
+@pytest.mark.parametrize(
+    ("file", "axis", "another"), [("demo.toml", "table", "another"), ("two_axis.toml", "inner", "outer")]
+)
+def test_a_demand_ends_when_its_axis_is_told_another_or_the_table_is_made_safe(file, axis, another):
+    """The axis that carries the unit is the innermost."""
+    bench = load_bench_file(DEMO.with_name(file))
     first, rate, home = (
         AngleDemand("table", axis, 90.0),
         RateDemand("table", axis, 5.0),
@@ -133,7 +137,7 @@ def test_a_demand_ends_when_its_axis_is_told_another_or_the_table_is_made_safe()
     )
     told = [
         (1.0, first),
-        (2.0, AngleDemand("table", "another", 9.0)),
+        (2.0, AngleDemand("table", another, 9.0)),
         (3.0, safe("chamber")),
         (4.0, rate),
         (5.0, safe("zebra")),
@@ -142,7 +146,7 @@ def test_a_demand_ends_when_its_axis_is_told_another_or_the_table_is_made_safe()
         (12.0, None),
     ]
     run = SimpleNamespace(
-        manifest=SimpleNamespace(bench=load_bench_file(DEMO).model_dump(mode="json")),
+        manifest=SimpleNamespace(bench=bench.model_dump(mode="json")),
         lines=[Line(time_s, event) for time_s, event in told],
     )
     found = [(start, end, type(event).__name__) for start, end, event in _table_demands(run)]

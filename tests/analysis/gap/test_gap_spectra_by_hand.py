@@ -60,9 +60,10 @@ def test_a_wave_that_is_a_tenth_of_its_profiles_gap_may_be_a_misfit():
 
 
 @pytest.mark.parametrize("alias_hz", [0.0, 1.0, 7.0])
-def test_what_is_left_where_a_named_line_folds_to_is_no_other_line(alias_hz):
+@pytest.mark.parametrize("number_named", [1232.6, 1236.0, 1240.4])
+def test_what_is_left_where_a_named_line_folds_to_is_no_other_line(alias_hz, number_named):
     """Left are its own window of eight coefficients, here that of numbers 1233 to 1240, and one on each side."""
-    named_hz = [alias_hz + 1239.4 / (2.0 * N)]
+    named_hz = [alias_hz + number_named / (2.0 * N)]
     for number in (1225, 1232, 1233, 1240, 1241, 1248):
         assert line_in(ones_with(number, 0.2), named_hz=named_hz) is None
     for number in (1224, 1249):
