@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from threadpoolctl import threadpool_limits
 
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError, RecordError
@@ -59,12 +61,14 @@ def allan_deviation(
     octaves = tau_s is None or (isinstance(tau_s, str) and tau_s == "octave")
     few = count > LONG_RECORD if all_starts is None else not all_starts
     lengths = _averaging_lengths(count, rate_hz, "octave" if tau_s is None else tau_s)
-    if octaves and few:
-        squares, terms = _octaves(samples, len(lengths))
-    else:
-        terms = count + 1 - 2 * lengths
-        phase = np.concatenate(([0.0], np.cumsum(samples - samples.mean())))
-        squares = np.array([_sum_of_squares(phase, int(m)) for m in lengths])
+    # threads gain nothing where memory is the limit, and wait for each other at every block of a busy machine
+    with threadpool_limits(1, "blas") if count > _BLOCK else nullcontext():
+        if octaves and few:
+            squares, terms = _octaves(samples, len(lengths))
+        else:
+            terms = count + 1 - 2 * lengths
+            phase = np.concatenate(([0.0], np.cumsum(samples - samples.mean())))
+            squares = np.array([_sum_of_squares(phase, int(m)) for m in lengths])
     if not np.isfinite(squares).all():
         raise _broken(samples)
     return AllanDeviation(
