@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
 from bench.analysis.gap._channel_data import ChannelSeries
 from bench.analysis.gap._channels import ChannelFinding, ChannelSignal
 from bench.analysis.gap._data import GapRun, beside
@@ -86,6 +88,14 @@ def diagnose(
     What was found is judged on `held_out` recordings of the same signal. `missing` says by channel why the runs
     lack it. ConfigurationError if a run is to judge that the model was fitted on.
     """
+    # its matrices are many and small: threads of BLAS would wait for each other, most of all on a busy machine
+    with threadpool_limits(1, "blas"):
+        return _diagnosis(runs, model, held_out, missing or {})
+
+
+def _diagnosis(
+    runs: Sequence[Recording], model: Model, held_out: Sequence[Recording], missing: Mapping[str, str]
+) -> Diagnosis:
     runs, held_out = beside(model.simulation, runs), beside(model.simulation, held_out)
     rates = [run for run in runs if isinstance(run, GapRun)]
     series = [run for run in runs if isinstance(run, ChannelSeries)]
@@ -107,7 +117,7 @@ def diagnose(
         own, kept = (
             [run for run in part if run.channel == channel and run.pieces()] for part in (series, apart)
         )
-        findings.append(_channel(ChannelSignal(channel), own, model, kept, (missing or {}).get(channel, "")))
+        findings.append(_channel(ChannelSignal(channel), own, model, kept, missing.get(channel, "")))
     checksums = {run.run_id: run.checksum for run in (rates or positions or series)}
     return Diagnosis(next(iter(units), ""), model, tuple(findings), checksums)
 
