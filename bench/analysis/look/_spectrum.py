@@ -59,13 +59,22 @@ def spectrum_of(values: Array, per_s: float) -> Spectrum:
     """Return the spectrum of an unbroken record (n,) by Welch's method (Hann, half overlap), and its lines."""
     longest = 1 << max(4, int(np.log2(max(2 * len(values) // (_AVERAGES + 1), 16))))
     size = min(_LONGEST, longest, len(values))
-    frequency, density = welch(values, per_s, "hann", nperseg=size, detrend="linear")
+    frequency, density = welch(values, per_s, "hann", nperseg=size, detrend=_less_line)
     frequency, density = frequency[1:], np.maximum(density[1:], np.finfo(np.float64).tiny)
     averages = max(1, 2 * len(values) // size - 1)
     # Segments half over each other under a Hann window count as 36/38 of as many apart (Welch 1967).
     freedom = 2.0 * averages * (36.0 / 38.0 if averages > 1 else 1.0)
     white = float(np.sqrt(np.median(density[len(density) // 2 : -1]) / _median(freedom)))
     return Spectrum(frequency, density, averages, white, _lines(frequency, density, freedom))
+
+
+def _less_line(segments: Array) -> Array:
+    """Return segments (..., n) without their least-squares lines."""
+    from_middle = np.arange(segments.shape[-1]) - 0.5 * (segments.shape[-1] - 1.0)
+    slope = segments @ from_middle / (from_middle @ from_middle)
+    return np.asarray(
+        segments - segments.mean(axis=-1, keepdims=True) - np.multiply.outer(slope, from_middle)
+    )
 
 
 def _median(freedom: float) -> float:
