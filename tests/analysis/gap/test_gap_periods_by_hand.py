@@ -294,8 +294,16 @@ def test_a_line_in_means_is_the_one_in_rows_that_folds_to_it(period_s, order, pa
     assert unknown.endswith(f"its cause may lie off by multiples of {1.0 / period_s:g} Hz")
 
 
+@pytest.mark.parametrize("period_s", [1.0, 2.0])
+def test_a_line_just_below_half_the_rate_of_the_rows_is_found_too(period_s):
+    """Rows at 50 Hz have lines up to 25 Hz: 24.815 Hz folds to 0.185 Hz in means of 1 s and of 2 s."""
+    line = in_rows(0.185, [rows_of(period_s, [(24.815, 5.0)])])
+    assert line.frequency_hz == pytest.approx(24.815, abs=1e-3)
+    assert line.amplitude_dph == pytest.approx(5.0, rel=0.02)
+
+
 @pytest.mark.parametrize("period_s", PERIODS_S)
-@pytest.mark.parametrize(("at", "alias"), [(0.45, False), (0.55, True), (1.45, True)])
+@pytest.mark.parametrize(("at", "alias"), [(0.45, False), (0.55, True), (1.45, True), (1.55, True)])
 def test_a_line_just_faster_than_half_the_means_is_an_alias(period_s, at, alias):
     """Of 0.55 / T Hz means show 0.45 / T Hz, which is near."""
     line = in_rows(0.45 / period_s, [rows_of(period_s, [(at / period_s, 5.0)])])
