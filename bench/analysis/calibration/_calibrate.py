@@ -6,10 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.analysis.calibration._budget import parameter_budgets
 from bench.analysis.calibration._compensation import ImuCompensation
 from bench.analysis.calibration._conventions import Noise, Site, Task
 from bench.analysis.calibration._estimator import BiasWander, Estimate, Options, estimate
@@ -19,12 +19,14 @@ from bench.analysis.calibration._result import Evaluation, evaluate
 from bench.analysis.calibration._runs import CalibrationRun, load_calibration_run
 from bench.analysis.calibration._schedule import load_scheme
 from bench.analysis.common.compensation import provenance
-from bench.analysis.common.uncertainty import Budget
 from bench.record.exchange import read_table
 from bench.record.recording import checksum
 from bench.record.shown import Shown
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError, RecordError
+
+if TYPE_CHECKING:
+    from bench.analysis.common.uncertainty import Budget
 
 _COLUMNS = [f"gyro_{axis}_dps" for axis in "xyz"] + [f"accelerometer_{axis}_mps2" for axis in "xyz"]
 _PERIOD_TOLERANCE = 0.1
@@ -60,6 +62,8 @@ class Calibration(Shown):
     @property
     def budgets(self) -> dict[str, Budget]:
         """The uncertainty budget of each parameter by its name, in its printed unit."""
+        from bench.analysis.calibration._budget import parameter_budgets  # the one part that needs scipy
+
         gravity_mps2 = self.evaluation.task.site.gravity_mps2
         return parameter_budgets(self.estimate, gravity_mps2, self.per_latitude_deg, self.run.certificates)
 
