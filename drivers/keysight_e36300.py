@@ -12,7 +12,7 @@ from drivers.base.errors import ProtocolError
 from drivers.kit.config import MeterPort, SupplyConfig, key
 from drivers.kit.kinds import Connection, Exchange, MeterKind, Probe, Transcript
 from drivers.kit.matching import polled
-from drivers.kit.places import EXAMPLE
+from drivers.kit.places import VISA_EXAMPLE, VISA_RESOURCE
 from drivers.kit.scpi import channel_list, flags, numbers, query_exchanges
 from drivers.kit.supply import ANY_OUTPUT, ScpiSupply, Setting, columns_of
 
@@ -23,8 +23,8 @@ class E36300Config(SupplyConfig):
     """`[[supply]]` of a Keysight E36300: it has no serial line."""
 
     port: MeterPort = key(
-        pattern=r"^(socket://.+|[A-Za-z]+\d*::.+)$",
-        description=f"its instrument socket, 'socket://host:5025', or a VISA resource such as '{EXAMPLE}'",
+        pattern=rf"^(socket://.+|{VISA_RESOURCE})$",
+        description=f"its instrument socket, 'socket://host:5025', or a VISA resource such as '{VISA_EXAMPLE}'",
     )
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, dataclass_transform
 
 from drivers.base.errors import ConfigurationError
-from drivers.kit.places import EXAMPLE, check_place
+from drivers.kit.places import VISA_EXAMPLE, check_place
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, TypeAdapter
@@ -79,7 +79,7 @@ NumberedTexts = Annotated[dict[int, str], _Checked(_sensors)]
 """A table whose keys are numbers: sensor or channel = text."""
 _NAME = r"^[a-z][a-z0-9_]{0,31}$"
 _PORT_TEXT = "a port: a serial device such as '/dev/ttyUSB0', or 'socket://host:port'"
-_METER_PORT_TEXT = f"{_PORT_TEXT}, or a VISA resource such as '{EXAMPLE}'"
+_METER_PORT_TEXT = f"{_PORT_TEXT}, or a VISA resource such as '{VISA_EXAMPLE}'"
 
 
 def _baudrate(default: int) -> Any:

@@ -6,14 +6,15 @@ import re
 
 from drivers.base.errors import ConfigurationError
 
-_RESOURCE = re.compile(r"(USB|GPIB|TCPIP|VXI|PXI)\d*::.+", re.IGNORECASE)
-EXAMPLE = "USB0::0x2A8D::0x1002::MY12345::INSTR"
+VISA_RESOURCE = r"(?i:USB|GPIB|TCPIP|VXI|PXI)\d*::.+"
+"""What VISA resources look like; serial ones (ASRL) are no such: the bench opens those itself."""
+VISA_EXAMPLE = "USB0::0x2A8D::0x1002::MY12345::INSTR"
 """A VISA resource, to show what one looks like."""
 
 
 def is_visa(place: str) -> bool:
-    """Return whether `place` is a VISA resource; serial ones (ASRL) are no such: the bench opens those itself."""
-    return _RESOURCE.fullmatch(place) is not None
+    """Return whether `place` is a VISA resource."""
+    return re.fullmatch(VISA_RESOURCE, place) is not None
 
 
 def check_place(url: str, name: str, *, visa: bool = True) -> None:
@@ -23,9 +24,9 @@ def check_place(url: str, name: str, *, visa: bool = True) -> None:
     """
     scheme, separator, _ = url.partition("://")
     if (separator and scheme.lower() != "socket") or (is_visa(url) and not visa):
-        at_visa = (
-            f", or a VISA resource such as '{EXAMPLE}'" if visa else "; VISA serves supplies and loggers only"
-        )
+        at_visa = "; VISA serves supplies and loggers only"
+        if visa:
+            at_visa = f", or a VISA resource such as '{VISA_EXAMPLE}'"
         raise ConfigurationError(
             "the port cannot be used",
             where=name,

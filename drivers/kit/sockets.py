@@ -17,7 +17,29 @@ _LOOK_S = 0.2
 """How long a thread waits for bytes of a port before it looks whether the port is wanted still."""
 
 
-class SocketPort:
+class NearEnd:
+    """The bench's end of a port that is a socket: what a link reads and writes."""
+
+    _near: socket.socket
+
+    def fileno(self) -> int:
+        """Return the socket's descriptor."""
+        return self._near.fileno()
+
+    def read(self, count: int) -> bytes:
+        """Return what has arrived, empty at its end; BlockingIOError if nothing has."""
+        return self._near.recv(count)
+
+    def write(self, data: memoryview) -> int:
+        """Send what fits and return how much that was; BlockingIOError if nothing does."""
+        return self._near.send(data)
+
+    def close(self) -> None:
+        """Close it; threads behind it end by themselves."""
+        self._near.close()
+
+
+class SocketPort(NearEnd):
     """A device at `socket://host:port`, or at a serial port `place`, whose `settings` are pyserial's.
 
     Raises OSError or serial.SerialException when it cannot be opened.
@@ -40,22 +62,6 @@ class SocketPort:
     def is_open(self) -> bool:
         """Whether it was not closed yet."""
         return self._near.fileno() >= 0
-
-    def fileno(self) -> int:
-        """Return the socket's descriptor."""
-        return self._near.fileno()
-
-    def read(self, count: int) -> bytes:
-        """Return what has arrived, empty at its end; BlockingIOError if nothing has."""
-        return self._near.recv(count)
-
-    def write(self, data: memoryview) -> int:
-        """Send what fits and return how much that was; BlockingIOError if nothing does."""
-        return self._near.send(data)
-
-    def close(self) -> None:
-        """Close it; the threads end by themselves."""
-        self._near.close()
 
     def _to_bench(self) -> None:
         assert self._serial is not None

@@ -13,12 +13,14 @@ import socket
 import threading
 from typing import Any
 
+from drivers.kit.sockets import NearEnd
+
 _BLOCK = 65536
 _END = b"\n"
 _ANSWER_MS, _OPEN_MS = 3000, 5000
 
 
-class VisaPort:
+class VisaPort(NearEnd):
     """A message-based instrument as a descriptor to read and write lines on.
 
     A query that is not answered within 3 s gives nothing, and the device is cleared; what else fails closes the
@@ -46,22 +48,6 @@ class VisaPort:
         self._near, self._far = socket.socketpair()
         self._near.setblocking(False)
         threading.Thread(target=self._exchange, name=f"speaks to {place}", daemon=True).start()
-
-    def fileno(self) -> int:
-        """Return the descriptor."""
-        return self._near.fileno()
-
-    def read(self, count: int) -> bytes:
-        """Return what has arrived, empty at its end; BlockingIOError if nothing has."""
-        return self._near.recv(count)
-
-    def write(self, data: memoryview) -> int:
-        """Send what fits and return how much that was; BlockingIOError if nothing does."""
-        return self._near.send(data)
-
-    def close(self) -> None:
-        """Close it; the thread ends by itself, when the query it waits for has."""
-        self._near.close()
 
     def _exchange(self) -> None:
         """Write lines and read what they ask for until either side is closed."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,7 +23,6 @@ from bench.analysis.common.compensation import provenance
 from bench.record.exchange import read_table
 from bench.record.recording import checksum
 from bench.record.shown import Shown
-from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError, RecordError
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class Calibration(Shown):
     """What a record gave: the estimate, what its scheme promised, and what the record shows of its noise.
 
     `corrected`: the estimate is with the noise and wander that the record shows, not with those told.
-    `per_latitude_deg` (24,), SI: how the estimate changes with the latitude that is told.
+    `options`: how it was estimated.
     """
 
     run: CalibrationRun
@@ -48,7 +48,7 @@ class Calibration(Shown):
     wander: BiasWander | None
     noise: RecordNoise
     corrected: bool
-    per_latitude_deg: Array
+    options: Options
 
     def shown(self) -> dict[str, object]:
         """Return unit, run and scheme, and how well the estimate explains the record (1: as its noise says)."""
@@ -59,13 +59,20 @@ class Calibration(Shown):
             "innovation rms": self.estimate.innovation_rms,
         }
 
-    @property
+    @cached_property
     def budgets(self) -> dict[str, Budget]:
-        """The uncertainty budget of each parameter by its name, in its printed unit."""
+        """The uncertainty budget of each parameter by its name, in its printed unit; takes one more estimate."""
         from bench.analysis.calibration._budget import parameter_budgets  # the one part that needs scipy
 
-        gravity_mps2 = self.evaluation.task.site.gravity_mps2
-        return parameter_budgets(self.estimate, gravity_mps2, self.per_latitude_deg, self.run.certificates)
+        task, run = self.evaluation.task, self.run
+        site = task.site
+        elsewhere = replace(site, latitude_deg=site.latitude_deg - _MOVED_DEG, gravity=site.gravity_mps2)
+        noise = self.noise.found if self.corrected else task.noise
+        moved = estimate(
+            run.increments, replace(task, site=elsewhere, noise=noise), self.options, run.schedule
+        )
+        per_latitude_deg = (self.estimate.parameters - moved.parameters) / _MOVED_DEG
+        return parameter_budgets(self.estimate, site.gravity_mps2, per_latitude_deg, run.certificates)
 
     def compensation(self, declared: Sequence[str] = ()) -> ImuCompensation:
         """Return the compensation; `declared`: what its user has to know of it."""
@@ -143,18 +150,12 @@ def calibrate(
     )
     estimated = estimate(run.increments, task, options, run.schedule)
     shown = record_noise(run.increments, task, options, estimated)
-    final = task
     if not as_told:
         wander = wander or shown.wander
-        final, options = replace(task, noise=shown.found), replace(options, wander=wander)
-        estimated = estimate(run.increments, final, options, run.schedule)
-    elsewhere = replace(
-        task.site, latitude_deg=task.site.latitude_deg - _MOVED_DEG, gravity=task.site.gravity_mps2
-    )
-    moved = estimate(run.increments, replace(final, site=elsewhere), options, run.schedule)
-    per_latitude_deg = (estimated.parameters - moved.parameters) / _MOVED_DEG
+        options = replace(options, wander=wander)
+        estimated = estimate(run.increments, replace(task, noise=shown.found), options, run.schedule)
     evaluation = evaluate(task, run.schedule, run.table)
-    return Calibration(run, estimated, evaluation, wander, shown, not as_told, per_latitude_deg)
+    return Calibration(run, estimated, evaluation, wander, shown, not as_told, options)
 
 
 def read_increments(path: Path) -> Increments:

@@ -27,6 +27,8 @@ servo rate table with its encoder (10 arcsec), a spirit level, the axis set to e
 platinum resistor of class B at -40 degC (IEC 60751), normal gravity of the latitude (anomalies of 100 mGal)."""
 ASSUMED_ORIGIN = "assumed"
 EAST_ORIGIN = "Earth rate"
+_UNITS = {"c": "degC", "mps2": "m/s2"}
+"""Last word of a quantity's name -> its unit, where they differ."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,8 @@ class BenchErrors:
 
         Where the sign of the sensitivity is not known, a known error counts as uncertainty (JCGM 100, F.2.4.5).
         """
-        unit = quantity.rsplit("_", 1)[1]
+        word = quantity.rsplit("_", 1)[1]
+        unit = _UNITS.get(word, word)
         if quantity == "azimuth_deg" and self.azimuth_sigma_deg is not None:
             return Contribution(
                 quantity, self.azimuth_sigma_deg, sensitivity, unit, 0.0, "A", origin=EAST_ORIGIN

@@ -58,7 +58,7 @@ class _Taken:
                 "air_reading_step_c",
                 standard,
                 sensitivity,
-                "c",
+                "degC",
                 distribution="rectangular",
                 origin="telemetry",
             )
@@ -138,7 +138,7 @@ def _output(taken: _Taken) -> Iterator[Contribution]:
     if len(means) >= _LEAST_BLOCKS:
         standard = float(means.std(ddof=1)) / math.sqrt(len(means))
         yield Contribution(
-            "noise", standard, 1.0, "dph", kind="A", freedom=len(means) - 1, origin="10 s means"
+            "noise", standard, 1.0, "deg/h", kind="A", freedom=len(means) - 1, origin="10 s means"
         )
 
 

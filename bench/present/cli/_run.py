@@ -85,7 +85,7 @@ def rehearse(
     if result.outcome != "aborted":
         from bench.present.report import run_content, run_page, write_report
 
-        page = write_report(result.folder / "report.html", run_page(run_content(record)))
+        page = write_report(result.folder / "report.html", run_page(run_content(record, with_budgets=True)))
     say_result(console, result, kind="result", bytes=log_bytes, wall_s=wall_s)
     plan = [
         (duration(phase.start_s), duration(phase.end_s - phase.start_s), phase.name)

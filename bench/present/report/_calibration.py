@@ -80,9 +80,8 @@ class CalibrationContent:
     """What a scheme sees, and with `estimate` what a calibration by it gave.
 
     `truth` (24,), SI, where the IMU is emulated; `wander` if the filter was told that the biases wander, `noise`
-    what the record shows of its noise, `corrected` if the estimate is with that. `budgets`:
-    of the parameters. Arrays in printed units: by
-    state, shape (30,), by parameter (24,), or by position (positions, 30).
+    what the record shows of its noise, `corrected` if the estimate is with that. `budgets`: of the parameters.
+    Arrays in printed units: by state, shape (30,), by parameter (24,), or by position (positions, 30).
     """
 
     evaluation: Evaluation

@@ -62,7 +62,7 @@ def report_run(folder: Path, out: Path | None = None) -> Path:
             expected="a run folder",
             remedy="`gyrobench fit` writes the report of a fit into its own folder",
         )
-    page = run_page(run_content(Run.open(folder)), utc_now())
+    page = run_page(run_content(Run.open(folder), with_budgets=True), utc_now())
     return write_report(out or (Path(folder.name) if url_of(folder) else folder) / REPORT_FILE, page)
 
 

@@ -107,8 +107,11 @@ class RunContent:
         ]
 
 
-def run_content(run: Run, role: str = "") -> RunContent:
-    """Return what reports show of a run; parts that the run does not have are left out and warned of."""
+def run_content(run: Run, role: str = "", *, with_budgets: bool = False) -> RunContent:
+    """Return what reports show of a run; parts that the run does not have are left out and warned of.
+
+    `with_budgets`: with the uncertainties of its measurements, which the report of one run shows.
+    """
     missing: list[str] = []
     chamber = _table("chamber", run.chamber, missing)
     turntable = _table("turntable", run.turntable, missing)
@@ -121,7 +124,7 @@ def run_content(run: Run, role: str = "") -> RunContent:
     return RunContent(
         run.manifest,
         traces,
-        budgets=_budgets(run, missing),
+        budgets=_budgets(run, missing) if with_budgets else {},
         reasons=tuple(text for text in (run.manifest.reason, _left_at_rest(run)) if text),
         warnings=_warnings(run, missing),
         operator=", ".join(dict.fromkeys(answer.by for _, answer in run.of(Answer) if answer.by)),

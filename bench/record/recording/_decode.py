@@ -164,7 +164,7 @@ def _write_table(
 ) -> StreamReport:
     decoder = source.decoder()
     unwrap = Unwrapper(decoder.counter_modulo)
-    frames = lost = off = duplicates = invalid = first = 0
+    frames = lost = off = duplicates = invalid = 0
     last: int | None = None
     restarts = timing.corrections[timing.corrections[:, 1] % decoder.counter_modulo != 0, 0]
     tick_s = 1.0 / (decoder.nominal_rate_hz * decoder.counter_step)
@@ -190,7 +190,6 @@ def _write_table(
             writer.write(table)
             if "since_pulse_s" in batch.columns:
                 pulses.feed(count, batch.columns["since_pulse_s"])
-            first = first if last is not None else int(count[0])
             last = int(count[-1])
             frames += len(batch)
             lost += int(lost_before.sum())
@@ -199,7 +198,7 @@ def _write_table(
             invalid += int((~table["valid"]).sum())
         writer.write(rows.kept)
         invalid += int((~rows.kept["valid"]).sum())
-    told = pulses.report(timing, ((last or first) - first) * timing.period_s)
+    told = pulses.report(timing)
     return replace(
         report,
         lost=lost - off,

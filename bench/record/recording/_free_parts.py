@@ -103,6 +103,8 @@ class _BenchData(_Shape):
 
 
 class FreeParts(_Shape):
+    """Everything that is checked of them."""
+
     started_utc: str
     bench: _BenchData
     stream: dict[str, StreamReport]

@@ -60,8 +60,8 @@ class PulseTimer:
         self._seen += len(count)
         self._last = int(count[-1]), float(since_s[-1])
 
-    def report(self, timing: StreamTiming, span_s: float) -> PulseReport | None:
-        """Return what the pulses of a stream of `span_s` say; None for a unit that tells of no pulses."""
+    def report(self, timing: StreamTiming) -> PulseReport | None:
+        """Return what the pulses of a whole stream say; None for a unit that tells of no pulses."""
         if not self._seen:
             return None
         instants_s, of = np.concatenate(self._instants), np.concatenate(self._of)
@@ -84,6 +84,7 @@ class PulseTimer:
         # a clock that is nearly right is rounded alike for long: half a step along half of the line at worst
         rounded = 1.5 * self.resolution_s / math.sqrt(12.0 * spread / len(true)) / math.sqrt(3.0)
         uncertainty = math.hypot(scatter_s / math.sqrt(spread), rounded)
+        by_arrival = timing.residual_s / float(np.ptp(instants_s))
         bench = (1.0 + error) / (1.0 + 1e-6 * timing.clock_error_ppm) - 1.0
         return replace(
             found,
@@ -91,7 +92,7 @@ class PulseTimer:
             unit_clock_error_ppm=1e6 * error,
             unit_clock_uncertainty_ppm=1e6 * uncertainty,
             bench_clock_error_ppm=1e6 * bench,
-            bench_clock_uncertainty_ppm=1e6 * math.hypot(uncertainty, timing.residual_s / span_s),
+            bench_clock_uncertainty_ppm=1e6 * math.hypot(uncertainty, by_arrival),
         )
 
 

@@ -194,6 +194,9 @@ def test_a_latitude_told_wrong_is_taken_off_where_a_certificate_says_so() -> Non
     )  # fmt: skip
     told = {"gravity_mps2": TASK.site.gravity_mps2, "as_told": True}
     budgets = calibrate(run, TASK.noise, **told).budgets
+    per_deg = {name: budget.contributions[1].sensitivity for name, budget in budgets.items()}
+    # what docs/uncertainty.md states of 0.05 deg: deg/h of a gyro's bias
+    assert max(abs(0.05 * per_deg[f"eps_{axis}"]) for axis in "xyz") == pytest.approx(0.007, rel=0.05)
     worst = max(budgets, key=lambda name: abs(budgets[name].stated) / budgets[name].contributions[0].standard)
     assert abs(budgets[worst].stated) > 1.5 * budgets[worst].contributions[0].standard
     for budget in budgets.values():

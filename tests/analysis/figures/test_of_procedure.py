@@ -109,7 +109,7 @@ def test_a_bench_without_a_certificate_has_a_resistor_of_class_b() -> None:
     """IEC 60751: 0.3 degC + 0.005 |t|, 0.5 degC at -40 degC, taken as the half width of a flat distribution."""
     told = budget(1000.0, "shock_lowest_air", -45.0, "degC")
     assert told.contributions[0].standard == pytest.approx((0.3 + 0.005 * 40.0) / math.sqrt(3.0))
-    assert told.contributions[0].origin == "assumed"
+    assert told.contributions[0].origin == "assumed" and told.contributions[0].unit == "degC"
 
 
 def test_a_shock_is_that_of_its_phase_and_not_of_the_soak_it_is_judged_in() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -178,3 +179,15 @@ def test_a_folder_renders(tmp_path: Path, outcome: str) -> None:
     html = render_page(run_page(run_content(Run.open(folder))))
     assert html.count("<svg") == 1 and ALARM in html and "S-17" in html
     assert ("too slow" in html) == (outcome == "invalid")
+
+
+def test_without_scipy_a_report_says_why_it_shows_no_uncertainties(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = write_folder(tmp_path / "run-1", manifest_of())
+    run = Run.open(folder)
+    assert run_content(run).budgets == {} and not [t for t in run_content(run).warnings if "uncertain" in t]
+    monkeypatch.setitem(sys.modules, "bench.analysis.figures", None)
+    found = run_content(run, with_budgets=True)
+    assert found.budgets == {}
+    assert [text for text in found.warnings if "pip install 'gyrobench[analysis]'" in text]

@@ -35,7 +35,7 @@ def report(
     timer = PulseTimer(1.0 / TICKS_HZ, interval_s, np.asarray(begins, np.int64), step_s)
     for at in range(0, len(count), block):
         timer.feed(np.asarray(count)[at : at + block], since_s[at : at + block])
-    return timer.report(timing(clock_ppm, residual_s), len(count) * 16 / TICKS_HZ)
+    return timer.report(timing(clock_ppm, residual_s))
 
 
 @given(
