@@ -24,16 +24,33 @@ BENCH = Path("examples/two_axis.toml")
 SCHEME, DWELL_S = "t10", 40.0
 
 
-def rehearse(runs, *settings):
+CERTIFICATE = """
+[[calibration]]
+quantity = "time_base_ppm"
+instrument = "house clock"
+certificate = "K-77"
+date = 2026-05-04
+due = 2030-05-04
+error = 3.0
+uncertainty = 1.0
+"""
+
+
+def rehearse(runs, *settings, bench=BENCH):
     pairs = [part for setting in settings for part in ("--set", setting)]
-    command = ["rehearse", "system-calibration", "--bench", str(BENCH), "--runs", str(runs), "--seed", "3"]
+    command = ["rehearse", "system-calibration", "--bench", str(bench), "--runs", str(runs), "--seed", "3"]
     return CliRunner().invoke(app, [*command, *pairs])
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> Path:
     runs = tmp_path_factory.mktemp("runs")
-    result = rehearse(runs, f"scheme={SCHEME}", f"dwell_s={DWELL_S:g}", "warm_up_min=0", "rate_dps=20")
+    bench = Path(
+        shutil.copytree(BENCH.parent, tmp_path_factory.mktemp("bench"), dirs_exist_ok=True), BENCH.name
+    )
+    bench.write_text(bench.read_text() + CERTIFICATE)
+    settings = (f"scheme={SCHEME}", f"dwell_s={DWELL_S:g}", "warm_up_min=0", "rate_dps=20")
+    result = rehearse(runs, *settings, bench=bench)
     assert result.exit_code == 0, result.output
     (folder,) = runs.iterdir()
     return folder
@@ -45,6 +62,12 @@ def test_the_run_holds_the_scheme_turned_by_the_table(run):
     assert [str(move) for move in found.schedule.moves] == [str(move) for move in scheme.moves]
     np.testing.assert_allclose(found.schedule.home[2], scheme.home[2], atol=1e-9)
     assert found.table == "two-axis-horizontal" and found.unit_id == "IMU-001"
+    (certificate,) = found.certificates
+    assert (certificate.quantity, certificate.certificate, certificate.error) == (
+        "time_base_ppm",
+        "K-77",
+        3.0,
+    )
     assert found.mounting == Run.open(run).manifest.mounting != ""
     # The telemetry of both axes at the end of every dwell is the plan's.
     recorded = Run.open(run)

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from datetime import date
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,11 +17,13 @@ from bench.analysis.calibration import (
     PARAMETERS,
     UNIT_SIZE,
     BiasWander,
+    Calibration,
     CalibrationRun,
     Noise,
     Schedule,
     Site,
     Task,
+    _calibrate,
     calibrate,
     load_scheme,
 )
@@ -178,6 +181,13 @@ def test_the_budgets_of_a_calibration_have_gravity_and_time_base_beside_the_nois
     off_ppm = 1e6 * 1e-4 / TASK.site.gravity_mps2
     assert scale.value == pytest.approx(clean.parameters[number] / 1e-6 + off_ppm, abs=1e-6)
     assert [part.source for part in bias.contributions] == ["noise", "latitude_deg"]
+    off = parameter_budgets(
+        clean, TASK.site.gravity_mps2, np.zeros(24), [certificate("time_base_ppm", 2.0, 40.0)]
+    )
+    # rates or increments is not known, so what the time base is known to be off by widens and corrects nothing
+    number = PARAMETER_NAMES.index("Kg_xx")
+    assert off["Kg_xx"].value == off["Kg_xx"].stated
+    assert off["Kg_xx"].combined == pytest.approx(math.hypot(clean.sigma[number] / 1e-6, 1.0, 40.0), rel=1e-6)
     assumed = parameter_budgets(clean, TASK.site.gravity_mps2, np.zeros(24))["Ka_yy"]
     assert assumed.combined > 30.0 and {part.origin for part in assumed.contributions} == {
         "filter",
@@ -202,6 +212,26 @@ def test_a_latitude_told_wrong_is_taken_off_where_a_certificate_says_so() -> Non
     for budget in budgets.values():
         left = abs(budget.value) / max(abs(budget.stated), 1e-12)
         assert left < 0.1 or abs(budget.value) < 0.15 * budget.contributions[0].standard
+
+
+def test_what_depends_on_the_latitude_is_estimated_with_the_noise_of_the_estimate(monkeypatch) -> None:
+    asked = []
+    found = SimpleNamespace(parameters=np.ones(24), sigma=np.ones(24))
+
+    def again(increments, task, options, schedule):
+        asked.append((task.noise, task.site.latitude_deg, task.site.gravity, options, increments, schedule))
+        return SimpleNamespace(parameters=np.zeros(24))
+
+    monkeypatch.setattr(_calibrate, "estimate", again)
+    run = SimpleNamespace(increments="data", schedule="turns", certificates=())
+    shown = SimpleNamespace(found=replace(TASK.noise, arw_deg_per_sqrt_h=0.123))
+    for corrected in (True, False):
+        made = Calibration(run, found, SimpleNamespace(task=TASK), None, shown, corrected, Options(passes=7))
+        # a change of one by 0.02 deg; of a gyro's bias in deg/h
+        assert made.budgets["eps_x"].contributions[1].sensitivity == pytest.approx(-50.0 / UNITS[0])
+        noise = shown.found if corrected else TASK.noise
+        place = TASK.site.latitude_deg - 0.02, TASK.site.gravity_mps2
+        assert asked[-1] == (noise, *place, Options(passes=7), "data", "turns")
 
 
 def test_a_crooked_table_does_no_harm() -> None:

@@ -96,6 +96,22 @@ def test_shock_rates_scatter_as_their_budgets_say(steepest: bool) -> None:
     assert np.std(rates) == pytest.approx(told.combined, rel=0.25 if steepest else 0.15)
 
 
+@pytest.mark.parametrize(
+    ("name", "over_c"), [("shock_rate_10_90", 0.8 * 70.0), ("shock_steepest_60s", 70.0 / 6.0)]
+)
+def test_a_shock_rates_inputs_by_hand(name: str, over_c: float) -> None:
+    """70 K at 11.67 K/min read in steps of 0.1 K; each of two readings is off by 0.1 K / sqrt(12)."""
+    rate = 70.0 / 6.0
+    told = budget(
+        1000.0, name, rate, "K/min", air_c=np.round(AIR_C, 1), calibrations=[calibration("air_temp_c", 0.6)]
+    )
+    parts = {item.source: item.uncertainty for item in told.contributions}
+    # the difference of two readings over the time between them, which is over_c / rate
+    assert parts["air_reading_step_c"] == pytest.approx(math.sqrt(2.0 / 12.0) * 0.1 * rate / over_c, rel=1e-3)
+    assert parts["air_temp_c"] == pytest.approx(math.sqrt(2.0) * 0.3 * rate / 70.0, rel=1e-3)
+    assert parts["time_base_ppm"] == pytest.approx(rate * 50e-6 / math.sqrt(3.0))
+
+
 def test_the_lowest_air_is_the_reading_less_its_sensors_error() -> None:
     certificates = [calibration("air_temp_c", 0.5, error=0.3)]
     told = budget(
