@@ -233,8 +233,8 @@ ROOMS: dict[str, tuple[Part, ...]] = {
             "tests/analysis/gap/test_gap_diagnosis test_gap_one_diagnosis test_gap_recording test_gap_systems",
             "tests/analysis/gap/test_gap_record_effects test_gap_channels test_gap_effects test_gap_rehearsal",
             "tests/analysis/gap/test_gap_modelled_unit",
-            "tests/analysis/gap/test_gap_bridge test_gap_missing_fmu test_gap_form test_gap_shaken test_gap_batch",
-            "tests/analysis/gap/test_gap_every_repeat",
+            "tests/analysis/gap/test_gap_bridge test_gap_missing_fmu test_gap_form test_gap_shaken",
+            "tests/analysis/gap/test_gap_batch test_gap_every_repeat",
         ),
     ),
 }
