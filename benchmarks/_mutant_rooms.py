@@ -162,6 +162,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         _part(
             "bench/analysis/gap/_channel*",
             "tests/analysis/gap/test_gap_periods_by_hand test_gap_limits_by_hand",
+            "tests/analysis/gap/test_gap_tables_by_hand test_gap_pieces_by_hand",
             "tests/analysis/gap/test_gap_channel_parts_by_hand test_gap_rows_by_hand test_gap_signals_by_hand",
             "tests/analysis/gap/test_gap_edges test_gap_corners_by_hand",
             "tests/analysis/gap/test_gap_by_hand test_gap_folders_by_hand test_gap_channels",
@@ -171,6 +172,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         _part(
             "bench/analysis/gap/_position",
             "tests/analysis/gap/test_gap_periods_by_hand test_gap_limits_by_hand",
+            "tests/analysis/gap/test_gap_tables_by_hand test_gap_pieces_by_hand",
             "tests/analysis/gap/test_gap_signals_by_hand test_gap_corners_by_hand test_gap_sets_by_hand",
             "tests/analysis/gap/test_gap_platform",
             "tests/analysis/gap/test_gap_one_diagnosis",
@@ -178,14 +180,16 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         _part(
             "bench/analysis/gap/_import _run_folder _data _model_file _recordings",
             "tests/analysis/gap/test_gap_periods_by_hand test_gap_limits_by_hand",
+            "tests/analysis/gap/test_gap_tables_by_hand test_gap_pieces_by_hand",
             "tests/analysis/gap/test_gap_rows_by_hand test_gap_closing_by_hand test_gap_signals_by_hand",
             "tests/analysis/gap/test_gap_maps_by_hand test_gap_corners_by_hand test_gap_edges test_gap_by_hand",
             "tests/analysis/gap/test_gap_folders_by_hand test_gap_cells test_gap_import",
-            "tests/analysis/gap/test_gap_systems test_gap_diagnosis test_gap_commands",
+            "tests/analysis/gap/test_gap_odd_logs test_gap_systems test_gap_diagnosis test_gap_commands",
         ),
         _part(
             "bench/analysis/gap/_rehearsal _response _suggest _series",
             "tests/analysis/gap/test_gap_periods_by_hand test_gap_limits_by_hand",
+            "tests/analysis/gap/test_gap_tables_by_hand test_gap_pieces_by_hand",
             "tests/analysis/gap/test_gap_closing_by_hand test_gap_curves_by_hand test_gap_edges test_gap_by_hand",
             "tests/analysis/gap/test_gap_folders_by_hand test_gap_sets_by_hand test_gap_rehearsal",
             "tests/analysis/gap/test_gap_platform test_gap_corners_by_hand",
@@ -193,6 +197,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         _part(
             "bench/analysis/gap/_information _identify _outlook _designs _simulation",
             "tests/analysis/gap/test_gap_periods_by_hand test_gap_limits_by_hand",
+            "tests/analysis/gap/test_gap_tables_by_hand test_gap_pieces_by_hand",
             "tests/analysis/gap/test_gap_curves_by_hand test_gap_closing_by_hand test_gap_maps_by_hand",
             "tests/analysis/gap/test_gap_corners_by_hand",
             "tests/analysis/gap/test_gap_folders_by_hand test_gap_sets_by_hand test_gap_edges",
@@ -201,12 +206,14 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         _part(
             "bench/analysis/gap/_disturbed _align",
             "tests/analysis/gap/test_gap_periods_by_hand test_gap_limits_by_hand",
+            "tests/analysis/gap/test_gap_tables_by_hand test_gap_pieces_by_hand",
             "tests/analysis/gap/test_gap_closing_by_hand test_gap_spectra_by_hand test_gap_record_effects",
             "tests/analysis/gap/test_gap_diagnosis",
         ),
         _part(
             "bench/analysis/gap/_exam _examination _score _exam_folder _case_folder _signature",
             "tests/analysis/gap/test_gap_periods_by_hand test_gap_limits_by_hand",
+            "tests/analysis/gap/test_gap_tables_by_hand test_gap_pieces_by_hand",
             "tests/analysis/gap/test_gap_closing_by_hand test_gap_edges test_gap_by_hand",
             "tests/analysis/gap/test_gap_spectra_by_hand test_gap_folders_by_hand test_gap_sets_by_hand",
             "tests/analysis/gap/test_gap_corners_by_hand test_gap_fit test_gap_exam",
@@ -214,6 +221,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         _part(
             "bench/analysis/gap/*",
             "tests/analysis/gap/test_gap_periods_by_hand test_gap_limits_by_hand",
+            "tests/analysis/gap/test_gap_tables_by_hand test_gap_pieces_by_hand",
             "tests/analysis/gap/test_gap_judgements_by_hand test_gap_verdicts_by_hand test_gap_curves_by_hand",
             "tests/analysis/gap/test_gap_closing_by_hand test_gap_rows_by_hand test_gap_signals_by_hand",
             "tests/analysis/gap/test_gap_maps_by_hand test_gap_corners_by_hand",
@@ -225,6 +233,8 @@ ROOMS: dict[str, tuple[Part, ...]] = {
             "tests/analysis/gap/test_gap_diagnosis test_gap_one_diagnosis test_gap_recording test_gap_systems",
             "tests/analysis/gap/test_gap_record_effects test_gap_channels test_gap_effects test_gap_rehearsal",
             "tests/analysis/gap/test_gap_modelled_unit",
+            "tests/analysis/gap/test_gap_bridge test_gap_missing_fmu test_gap_form test_gap_shaken",
+            "tests/analysis/gap/test_gap_batch test_gap_every_repeat",
         ),
     ),
 }
