@@ -31,8 +31,10 @@ _DOCUMENTED_SHORT_FORMS: Mapping[tuple[str, str], str] = {
     ("", "INT"): "INTERLOCK",
     ("INTERLOCK", "C"): "CLOSE",
     ("LIMIT", "A"): "ACCELERATION",
+    ("READ", "V"): "VECTOR",
+    **{(main, cut): "SHORTVECTOR" for main in ("DEMAND", "READ") for cut in ("SVEC", "SVECTOR")},
 }
-"""Cuts that fit several names and that the manual's own examples use (4.5.1, 4.5.5, 4.6.2)."""
+"""Cuts that fit several names or none and that the manual itself uses (4.3.7, 4.5.1, 4.5.5, 4.6.2, 4.10)."""
 
 
 @dataclass(frozen=True)

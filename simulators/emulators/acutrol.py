@@ -18,7 +18,8 @@ from drivers.acutrol.grammar import (
 )
 from drivers.base.errors import ConfigurationError
 from drivers.kit.config import TableConfig
-from simulators.emulators._acutrol_axis import DEMANDS, FAULT_NAMES, MODES, AcutrolAxis, Refused, fault_bits
+from simulators.emulators._acutrol_arguments import Refused, one_of
+from simulators.emulators._acutrol_axis import FAULT_NAMES, MODES, AcutrolAxis, fault_bits
 from simulators.faults import DeviceFault, Fault
 from simulators.interfaces import Installation, Reply
 from simulators.plant.table import TableAxis
@@ -30,6 +31,9 @@ IDENTITY = "Acutronic R&D USA,Acutrol3000,0,A8800-001-01.000-a"
 
 _QUEUE_LENGTH = 32
 _LIMIT_MODES = ("POSITION", "RATE", "ARATE", "SYNTHESIS", "TRACK")
+_READS = {"POSITION": "P", "RATE": "R", "ACCELERATION": "A", "SHORTVECTOR": "PR", "VECTOR": "PRA"}
+_VARIABLES = {"082": "POSITION", "083": "RATE", "176": "ACCELERATION"}
+"""System variables behind the digit of their axis (4.2.15)."""
 
 
 @lru_cache(maxsize=64)
@@ -62,6 +66,7 @@ class AcutrolEmulator:
         self._lockout = "OFF"
         self._fault_unread = False
         self._handlers: Mapping[str, Callable[[Command, float], str | None]] = {
+            "CONFIGURE": self._configure,
             "DEMAND": self._demand,
             "INTERLOCK": self._interlock_command,
             "LIMIT": self._limit,
@@ -167,17 +172,21 @@ class AcutrolEmulator:
         known = ("*RST", "*TST", "*OPC", "*WAI", "*IST", "*PRE", "*ESE", "*ESR", "*SRE", "*TRG")
         raise Refused(NOT_IMPLEMENTED if name in known else UNDEFINED_HEADER)
 
+    def _configure(self, command: Command, now_s: float) -> str | None:
+        if command.path[-1] != "OSCILLATOR":
+            raise Refused(NOT_IMPLEMENTED)
+        axis = self._one(command.arguments[:1], 1)
+        if command.query:
+            return axis.oscillator.configuration
+        axis.configure_oscillator(command.arguments[1:], now_s)
+        return None
+
     def _demand(self, command: Command, now_s: float) -> str | None:
         name = command.path[-1]
-        if name not in DEMANDS:
-            raise Refused(NOT_IMPLEMENTED)
-        axis = self._one(command.arguments, 1 if command.query else 2)
-        if not command.query:
-            axis.demand(name, command.arguments[1], now_s)
-            return None
-        if name not in axis.demands:
-            raise Refused(NOT_IMPLEMENTED)
-        return f"{axis.demands[name]:.6f}"
+        if command.query:
+            return self._one(command.arguments, 1).demanded(name)
+        self._one(command.arguments[:1], 1).demand(name, command.arguments[1:], now_s)
+        return None
 
     def _interlock_command(self, command: Command, now_s: float) -> str | None:
         name = command.path[-1]
@@ -208,10 +217,8 @@ class AcutrolEmulator:
             return ",".join(f"{value:.5f}" for value in self._one(command.arguments, 1).limit_values())
         if len(command.arguments) != 2:
             raise Refused(WRONG_PARAMETER_COUNT)
-        modes = [mode for mode in _LIMIT_MODES if mode.startswith(command.arguments[0].upper())]
-        if not modes:
-            raise Refused(PARAMETER_OUT_OF_RANGE)
-        return f"{self._one(command.arguments[1:], 1).limit(name, modes[0]):.5f}"
+        mode = one_of(_LIMIT_MODES, command.arguments[0])
+        return f"{self._one(command.arguments[1:], 1).limit(name, mode):.5f}"
 
     def _set_limit(self, name: str, arguments: tuple[str, ...]) -> None:
         """Take a limit of a mode, e.g. rate `pos,1,120`."""
@@ -220,35 +227,39 @@ class AcutrolEmulator:
         if len(arguments) != 3:
             raise Refused(WRONG_PARAMETER_COUNT)
         mode, axis, text = arguments
-        modes = [known for known in _LIMIT_MODES if mode and known.startswith(mode.upper())]
-        limited = self._one((axis,), 1)
-        if not modes:
-            raise Refused(NOT_IMPLEMENTED)
-        limited.set_limit(name, modes[0], text)
+        self._one((axis,), 1).set_limit(name, one_of(_LIMIT_MODES, mode), text)
 
     def _mode_command(self, command: Command, now_s: float) -> str | None:
         name, arguments = command.path[-1], command.arguments
         if command.query:
-            return self._one(arguments, 1).mode.capitalize()
+            return self._one(arguments, 1).mode_at(now_s).capitalize()
         if name == "MODE":
-            self._several(arguments, 2)
-            matches = [mode for mode in MODES if mode.startswith(arguments[1].upper())]
-            if len(matches) != 1:
-                raise Refused(PARAMETER_OUT_OF_RANGE)
-            name, arguments = matches[0], arguments[:1]
+            self._several(arguments[:1], 1)
+            if len(arguments) < 2:
+                raise Refused(WRONG_PARAMETER_COUNT)
+            name, arguments = one_of(MODES, arguments[1]), arguments[:1] + arguments[2:]
         if name not in MODES:
             raise Refused(NOT_IMPLEMENTED)
-        for axis in self._several(arguments, 1):
-            axis.change_mode(name, now_s)
+        for axis in self._several(arguments[:1], 1):
+            if len(arguments) > 1 + (name == "TRACK"):
+                raise Refused(WRONG_PARAMETER_COUNT)
+            axis.change_mode(name, now_s, *arguments[1:])
         return None
 
     def _read(self, command: Command, now_s: float) -> str | None:
-        if command.path[-1] not in ("POSITION", "RATE", "ACCELERATION"):
-            raise Refused(NOT_IMPLEMENTED)
         # The question mark is optional on READ (TM-8004-C 4.10.4, ACT2000 compatibility).
-        plant = self._one(command.arguments, 1).plant
-        reads = {"POSITION": plant.angle_deg, "RATE": plant.rate_dps, "ACCELERATION": plant.acceleration_dps2}
-        return f"{reads[command.path[-1]](now_s):.6f}"
+        name, arguments = command.path[-1], command.arguments
+        if name == "VARIABLE":
+            if len(arguments) != 1:
+                raise Refused(WRONG_PARAMETER_COUNT)
+            name, arguments = _VARIABLES.get(arguments[0][1:], ""), (arguments[0][:1],)
+            if not name:
+                raise Refused(PARAMETER_OUT_OF_RANGE)
+        if name not in _READS:
+            raise Refused(NOT_IMPLEMENTED)
+        plant = self._one(arguments, 1).plant
+        states = {"P": plant.angle_deg, "R": plant.rate_dps, "A": plant.acceleration_dps2}
+        return ";".join(f"{states[state](now_s):.6f}" for state in _READS[name])
 
     def _status(self, command: Command, now_s: float) -> str | None:
         name = command.path[-1]

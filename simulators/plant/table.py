@@ -1,29 +1,33 @@
 """One servoed table axis, in closed form: trapezoidal rate profile, then a critically damped position servo.
 
-The reference angle is piecewise quadratic in time, so the servo's answer w^2/(s + w)^2 is known exactly on every
-piece: r - 2 r'/w + 3 r''/w^2 + (c1 + c2 t) exp(-w t). Nothing is integrated, and a table at a steady rate
-costs nothing. Angles are in deg, counter-clockwise positive about up, and count turns; time in s.
+The reference angle is piecewise quadratic in time, with a swing on top where one is demanded, so the servo's
+answer is known exactly on every piece (`_servo`). Nothing is integrated, and a table at a steady rate costs
+nothing. Angles are in deg, counter-clockwise positive about up, and count turns; time in s.
 """
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
 from drivers.base.arrays import Array
 from simulators.config import Rotation
+from simulators.plant._servo import Piece, Swing
 from simulators.plant.noise import NoiseSource
+
+__all__ = ["Swing", "TableAxis", "TableParameters"]
 
 _RAD = math.pi / 180.0
 _SETTLED = 20.0
-_FADED = 40.0
-"""Servo time constants after which its transient is below 1e-7 of its start, and taken as zero (4e-18)."""
+"""Servo time constants after which its transient is below 1e-7 of its start."""
 _TICKS_PER_S = 1000
 _READINGS = 4096
 _QUIET = NoiseSource(0, "encoder")
+_Phases = list[tuple[float, float]]
+"""Acceleration and how long it lasts."""
 
 
 class TableParameters(Rotation):
@@ -39,18 +43,6 @@ class TableParameters(Rotation):
     encoder_error_arcsec: float = 0.5
 
 
-@dataclass(frozen=True)
-class _Piece:
-    """From `start_s`: reference angle, rate, acceleration, and the transient's two constants."""
-
-    start_s: float
-    angle: float
-    rate: float
-    acceleration: float
-    c1: float
-    c2: float
-
-
 class TableAxis:
     """A servoed table axis; at rest at 0 deg with its servo open at 0 s.
 
@@ -63,7 +55,7 @@ class TableAxis:
         self.max_acceleration_dps2 = parameters.max_acceleration_dps2
         self._w = 2.0 * math.pi * parameters.servo_bandwidth_hz
         self._on = False
-        self._pieces = [_Piece(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)]
+        self._pieces = [Piece(0.0, 0.0, 0.0, 0.0)]
         self._starts = [0.0]
         self._ripple_once_deg = math.degrees(parameters.ripple_once_ppm * 1e-6)
         self._ripple_twice_deg = math.degrees(parameters.ripple_twice_ppm * 1e-6) / 2.0
@@ -118,6 +110,11 @@ class TableAxis:
         """Come to rest `beyond` degrees past where the axis would stop at acceleration `a`."""
         if not self._on:
             return
+        phases, angle = self._way(now_s, beyond, rate_limit_dps, a)
+        self._plan(now_s, phases, 0.0, angle)
+
+    def _way(self, now_s: float, beyond: float, rate_limit_dps: float, a: float) -> tuple[_Phases, float]:
+        """Return the phases of `_travel` and the angle where they end."""
         angle, rate = self._reference(now_s)
         stop = rate * abs(rate) / (2.0 * a)
         distance = stop + beyond
@@ -127,7 +124,62 @@ class TableAxis:
         first, last = (peak - rate) / (sign * a), abs(peak) / a
         covered = (peak * peak - rate * rate) / (2.0 * sign * a) + sign * peak * peak / (2.0 * a)
         cruise = max(0.0, (distance - covered) / peak) if peak else 0.0
-        self._plan(now_s, [(sign * a, first), (0.0, cruise), (-sign * a, last)], 0.0, angle + distance)
+        return [(sign * a, first), (0.0, cruise), (-sign * a, last)], angle + distance
+
+    def demand_states(
+        self,
+        now_s: float,
+        states: tuple[float, float, float],
+        hold_s: float,
+        rate_limit_dps: float = math.inf,
+        acceleration_limit_dps2: float = math.inf,
+        *,
+        shortest: bool = True,
+    ) -> None:
+        """Follow an angle, its rate and its acceleration for `hold_s`, then brake to rest.
+
+        `shortest`: the angle is the nearest of its kind modulo 360. If it is further away than the servo can
+        catch up within the rate limit, the axis travels towards it instead.
+        """
+        if not self._on:
+            return
+        a = min(self.max_acceleration_dps2, acceleration_limit_dps2)
+        top = min(self.max_rate_dps, rate_limit_dps)
+        angle, rate = self._reference(now_s)
+        gap = math.remainder(states[0] - angle, 360.0) if shortest else states[0] - angle
+        if abs(gap) * self._w <= top:
+            _, rate, along = states
+            phases = [(along, hold_s)]
+            start = (angle + gap, rate)
+        else:
+            stop = rate * abs(rate) / (2.0 * a)
+            phases, _ = self._way(now_s, gap - stop, top, a)
+            start = (angle, rate)
+        phases, rate = _cut(phases, rate, hold_s, top)
+        self._plan(now_s, [*phases, (-math.copysign(a, rate), abs(rate) / a)], start=start)
+
+    def rest_s(self, now_s: float) -> float:
+        """Return when a swing that is demanded now begins: at once in a swing, else where the profile ends."""
+        if self._piece_at(now_s)[0].swing is not None:
+            return now_s
+        rests = (piece.start_s for piece in self._pieces if piece.swing is not None and piece.start_s > now_s)
+        return next(rests, max(now_s, self._starts[-1]))
+
+    def demand_swing(self, now_s: float, swings: Sequence[tuple[float, Swing]]) -> None:
+        """Swing about where the profile ends, from `rest_s` on: each for its duration in s, the last for good.
+
+        An axis that would turn on is to be brought to rest first; an axis that is not servoed ignores it.
+        """
+        if not self._on:
+            return
+        start = self.rest_s(now_s)
+        piece, t = self._piece_at(start)
+        state, centre = piece.state(t, self._w)[:2], self._pieces[-1].angle
+        keep = bisect_right(self._starts, start)
+        del self._pieces[keep:], self._starts[keep:]
+        for duration, swing in swings:
+            state = self._append(Piece(start, centre, 0.0, 0.0, swing=swing), state, duration)
+            start += duration
 
     def angle_deg(self, now_s: float) -> float:
         """Return the encoder's angle in [0, 360): the axis angle and the encoder's errors."""
@@ -142,7 +194,7 @@ class TableAxis:
     def rate_dps(self, now_s: float) -> float:
         """Return the axis rate."""
         piece, t = self._piece_at(now_s)
-        angle, rate = self._servo_state(piece, t)
+        angle, rate, _ = piece.state(t, self._w)
         p = self.parameters
         ripple = p.ripple_once_ppm * math.cos(math.radians(angle))
         ripple += p.ripple_twice_ppm * math.cos(math.radians(2.0 * angle))
@@ -151,9 +203,7 @@ class TableAxis:
     def acceleration_dps2(self, now_s: float) -> float:
         """Return the servo's acceleration, without the ripple."""
         piece, t = self._piece_at(now_s)
-        w = self._w
-        fade = math.exp(-w * t) if w * t < _FADED else 0.0
-        return piece.acceleration + w * fade * (w * (piece.c1 + piece.c2 * t) - 2.0 * piece.c2)
+        return piece.state(t, self._w)[2]
 
     def settled(self, now_s: float) -> bool:
         """Return whether the profile has ended and the servo's transient has died out."""
@@ -162,7 +212,7 @@ class TableAxis:
     def total_angle_deg(self, now_s: float) -> float:
         """Return the axis angle, turns counted."""
         piece, t = self._piece_at(now_s)
-        angle, _ = self._servo_state(piece, t)
+        angle = piece.state(t, self._w)[0]
         once, twice = math.sin(math.radians(angle)), math.sin(math.radians(2.0 * angle))
         return angle + self._ripple_once_deg * once + self._ripple_twice_deg * twice
 
@@ -175,14 +225,16 @@ class TableAxis:
         last = bisect_right(self._starts, float(times_s[-1])) - 1
         if first == last:
             piece = self._pieces[first]
-            angle = self._servo_angles(piece, times_s[:2] if self._rests(piece, times_s[0]) else times_s)
+            still = piece.rests(times_s[0] - piece.start_s, self._w)
+            angle = piece.angles((times_s[:2] if still else times_s) - piece.start_s, self._w)
         else:
             cuts = np.searchsorted(times_s, self._starts[first + 1 : last + 1])
             parts = np.split(times_s, cuts)
+            pieces = self._pieces[first : last + 1]
             angle = np.concatenate(
                 [
-                    self._servo_angles(self._pieces[first + k], part)
-                    for k, part in enumerate(parts)
+                    piece.angles(part - piece.start_s, self._w)
+                    for piece, part in zip(pieces, parts, strict=True)
                     if len(part)
                 ]
             )
@@ -192,82 +244,59 @@ class TableAxis:
         sin = np.sin(turn)
         return np.asarray(angle + sin * (self._ripple_once_deg + 2.0 * self._ripple_twice_deg * np.cos(turn)))
 
-    def _rests(self, piece: _Piece, time_s: float) -> bool:
-        """Return whether the axis stands still from `time_s` to the end of its piece."""
-        if piece.rate or piece.acceleration:
-            return False
-        return not (piece.c1 or piece.c2) or (time_s - piece.start_s) * self._w >= _FADED
-
-    def _piece_at(self, now_s: float) -> tuple[_Piece, float]:
+    def _piece_at(self, now_s: float) -> tuple[Piece, float]:
         piece = self._pieces[bisect_right(self._starts, now_s) - 1]
         return piece, now_s - piece.start_s
 
     def _reference(self, now_s: float) -> tuple[float, float]:
         piece, t = self._piece_at(now_s)
-        rate = piece.rate + piece.acceleration * t
-        return piece.angle + piece.rate * t + 0.5 * piece.acceleration * t * t, rate
-
-    def _servo_state(self, piece: _Piece, t: float) -> tuple[float, float]:
-        """Return servo angle and rate `t` after the start of a piece."""
-        w, a = self._w, piece.acceleration
-        rate = piece.rate + a * t
-        angle = piece.angle + piece.rate * t + 0.5 * a * t * t - 2.0 * rate / w + 3.0 * a / (w * w)
-        fade = math.exp(-w * t) if w * t < _FADED else 0.0
-        transient = (piece.c1 + piece.c2 * t) * fade
-        return angle + transient, rate - 2.0 * a / w + piece.c2 * fade - w * transient
-
-    def _servo_angles(self, piece: _Piece, times_s: Array) -> Array:
-        """Return `_servo_state`'s angle for an array of times."""
-        w, a = self._w, piece.acceleration
-        t = times_s - piece.start_s
-        offset = piece.angle - 2.0 * piece.rate / w + 3.0 * a / (w * w)
-        angle = offset + (piece.rate - 2.0 * a / w) * t
-        if a:
-            angle += 0.5 * a * t * t
-        if (piece.c1 or piece.c2) and t[0] * w < _FADED:
-            angle += (piece.c1 + piece.c2 * t) * np.exp(-w * t) * (w * t < _FADED)
-        return np.asarray(angle)
+        return piece.reference(t)
 
     def _plan(
         self,
         now_s: float,
-        phases: list[tuple[float, float]],
+        phases: _Phases,
         final_rate: float = 0.0,
         final_angle: float | None = None,
+        start: tuple[float, float] | None = None,
     ) -> None:
         """Replace the profile from `now_s` on by (acceleration, duration) phases and a steady end.
 
-        The end takes `final_rate` and `final_angle` themselves, so that rounding leaves no creep.
+        The end takes `final_rate` and `final_angle` themselves, so that rounding leaves no creep. The reference
+        goes on from where it is, or jumps to the angle and rate of `start`.
         """
         piece, t = self._piece_at(now_s)
-        angle, rate = self._reference(now_s)
-        state = self._servo_state(piece, t)
+        angle, rate = piece.reference(t) if start is None else start
+        state = piece.state(t, self._w)[:2]
         keep = bisect_right(self._starts, now_s)
         del self._pieces[keep:], self._starts[keep:]
-        start = now_s
+        begin = now_s
         for acceleration, duration in phases:
             if duration <= 0.0:
                 continue
-            state = self._append(start, angle, rate, acceleration, state, duration)
+            state = self._append(Piece(begin, angle, rate, acceleration), state, duration)
             angle += rate * duration + 0.5 * acceleration * duration * duration
             rate += acceleration * duration
-            start += duration
-        self._append(start, angle if final_angle is None else final_angle, final_rate, 0.0, state, 0.0)
+            begin += duration
+        end = Piece(begin, angle if final_angle is None else final_angle, final_rate, 0.0)
+        self._append(end, state, 0.0)
 
-    def _append(
-        self,
-        start_s: float,
-        angle: float,
-        rate: float,
-        acceleration: float,
-        state: tuple[float, float],
-        duration_s: float,
-    ) -> tuple[float, float]:
+    def _append(self, piece: Piece, state: tuple[float, float], duration_s: float) -> tuple[float, float]:
         """Add a piece that continues from a servo state; return the servo state at its end."""
-        w = self._w
-        c1 = state[0] - (angle - 2.0 * rate / w + 3.0 * acceleration / (w * w))
-        c2 = state[1] - (rate - 2.0 * acceleration / w) + w * c1
-        piece = _Piece(start_s, angle, rate, acceleration, c1, c2)
+        piece = piece.continuing(*state, self._w)
         self._pieces.append(piece)
-        self._starts.append(start_s)
-        return self._servo_state(piece, duration_s)
+        self._starts.append(piece.start_s)
+        return piece.state(duration_s, self._w)[:2]
+
+
+def _cut(phases: _Phases, rate: float, hold_s: float, top: float) -> tuple[_Phases, float]:
+    """Return the phases up to `hold_s`, none beyond the rate `top`, and the rate they end with."""
+    kept: _Phases = []
+    for acceleration, duration in phases:
+        taken = min(duration, hold_s)
+        if acceleration:
+            taken = max(0.0, min(taken, (math.copysign(top, acceleration) - rate) / acceleration))
+        kept += [(acceleration, taken), (0.0, min(duration, hold_s) - taken)]
+        rate += acceleration * taken
+        hold_s -= min(duration, hold_s)
+    return kept, rate

@@ -96,7 +96,14 @@ def test_a_separator_inside_quotes_separates_nothing() -> None:
 
 
 def test_ambiguous_cut_is_refused() -> None:
-    assert isinstance(parse_message(":R:V? 1")[0], Refusal)  # Variable or Vector
+    assert isinstance(parse_message(":C:A 1")[0], Refusal)  # Aim, Analog or Axis
+
+
+def test_a_cut_that_the_manual_settles_is_what_it_says() -> None:
+    # 4.10.3: V is Vector; 4.3.7 and 4.10.6: SVEC
+    assert parse_message(":R:V? 1") == [Command(("READ", "VECTOR"), query=True, arguments=("1",))]
+    assert parse_message(":DEM:SVEC? 2") == [Command(("DEMAND", "SHORTVECTOR"), query=True, arguments=("2",))]
+    assert parse_message(":R:Svector 2") == [Command(("READ", "SHORTVECTOR"), arguments=("2",))]
 
 
 @given(st.text(max_size=60))

@@ -100,7 +100,7 @@ def test_joined_read_and_the_form_without_question_mark(table):
         ":read:pos? ALL",
         ":mode? ALL",
         ":mode 1,sideways",
-        ":R:V? 1",
+        ":R:V? 2",
         ":status:csr? A2STATE",
         "*RST",
         "*TST?",
@@ -147,7 +147,7 @@ def test_rate_limit_of_position_mode_counts_for_turns_and_not_for_rates(table, p
     assert ask(table, ":Limit:Rate pos,1,20") == (0, "OK")
     assert float(ask(table, ":limit:rate? position,1")[1]) == 20.0
     assert float(ask(table, ":limit:rate? rate,1")[1]) == 120.0
-    for refused in ("pos,1", "pos,2,20", "pos,1,fast", "pos,1,0", "pos,1,121", "rate,1,20"):
+    for refused in ("pos,1", "pos,2,20", "pos,1,fast", "pos,1,0", "pos,1,121", "home,1,20"):
         assert ask(table, f":limit:rate {refused}")[0] != 0
     ask(table, ":interlock:close 1")
     ask(table, ":mode:position 1")

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from simulators.plant.table import TableAxis, TableParameters
+from simulators.plant.table import Swing, TableAxis, TableParameters
 
 PLAIN = TableParameters(ripple_once_ppm=0.0, ripple_twice_ppm=0.0, encoder_error_arcsec=0.0)
 W = 2.0 * math.pi * PLAIN.servo_bandwidth_hz
@@ -48,6 +48,11 @@ def test_servo_equals_numerical_integration_of_its_equation() -> None:
     table.demand_rate(0.0, 150.0)
     table.demand_rate(0.3, -60.0)
     table.demand_angle(1.1, 12.0)
+    follows_its_reference(table)
+
+
+def follows_its_reference(table: TableAxis) -> None:
+    """The servo from 0 to 4 s is the numerical solution of w^2/(s + w)^2 on the axis' reference."""
 
     def equation(t: float, y: np.ndarray) -> list[float]:
         angle, _ = table._reference(t)
@@ -171,3 +176,71 @@ def test_ripple_is_periodic_in_angle_with_its_amplitude() -> None:
     assert rates.mean() == pytest.approx(20.0, rel=1e-7)
     numeric = np.diff(table.total_angles_deg(times)) / 0.01
     np.testing.assert_allclose(numeric, 0.5 * (rates[1:] + rates[:-1]), rtol=2e-7)
+
+
+def test_a_growing_swing_after_a_move_is_the_answer_of_the_servo() -> None:
+    table = ready()
+    table.demand_angle(0.0, 3.0)
+    rest = table.rest_s(0.1)
+    assert rest == pytest.approx(2.0 * math.sqrt(3.0 / A))
+    table.demand_swing(
+        0.1, [(1.5, Swing(0.0, 4.0, 2.0, 0.4)), (0.0, Swing(6.0, 0.0, 1.0, 0.4 + 6.0 * math.pi))]
+    )
+    assert table.rest_s(0.1) == rest and table.rest_s(rest + 0.3) == rest + 0.3
+    follows_its_reference(table)
+    # steady: |H| = 1 / (1 + (f/f0)^2) about the angle it was sent to, with a lag of 2 atan(f/f0)
+    size, lag = 6.0 / (1.0 + 0.2**2), 2.0 * math.atan(0.2)
+    for t in (8.0, 8.2, 8.7):
+        expected = 3.0 + size * math.sin(2.0 * math.pi * (t - rest - 1.5) + 0.4 - lag)
+        assert table.total_angle_deg(t) == pytest.approx(expected, abs=1e-9)
+    assert len(table.total_angles_deg(np.linspace(8.0, 9.0, 5))) == 5
+
+
+def test_a_swing_that_changes_and_ends_has_no_step_in_angle_and_rate() -> None:
+    table = ready()
+    table.demand_swing(0.0, [(1.0, Swing(0.0, 5.0, 1.0, 0.0)), (0.0, Swing(5.0, 0.0, 1.0, 2.0 * math.pi))])
+    for change_s, demand in (
+        (1.6, lambda at: table.demand_swing(at, [(0.0, Swing(1.0, 0.0, 3.0, 0.2))])),
+        (2.3, lambda at: table.demand_rate(at, 40.0)),
+    ):
+        before = table.total_angle_deg(change_s), table.rate_dps(change_s)
+        demand(change_s)
+        assert (table.total_angle_deg(change_s), table.rate_dps(change_s)) == pytest.approx(before, abs=1e-9)
+    assert table.rate_dps(9.0) == pytest.approx(40.0)
+    table.servo(9.0, False)
+    table.demand_swing(9.0, [(0.0, Swing(1.0, 0.0, 3.0, 0.2))])
+    assert table.rate_dps(30.0) == 0.0
+
+
+def test_states_are_followed_and_braked_from_where_they_end() -> None:
+    table = ready()
+    for k in range(400):
+        t = 0.01 * k
+        sine, cosine = math.sin(2.0 * t), math.cos(2.0 * t)
+        table.demand_states(t, (360.0 + 5.0 * sine, 10.0 * cosine, -20.0 * sine), 0.015)
+    # the servo lags by 2/w; between vectors the reference is their parabola
+    assert table.total_angle_deg(3.99) == pytest.approx(5.0 * math.sin(2.0 * (3.99 - 2.0 / W)), abs=0.03)
+    held, rate = 3.99 + 0.015, 10.0 * math.cos(7.98) - 20.0 * math.sin(7.98) * 0.015
+    assert table.settled(held + abs(rate) / A + 21.0 / W) and not table.settled(held)
+    assert table.total_angle_deg(9.0) == pytest.approx(
+        5.0 * math.sin(2.0 * held) + rate * abs(rate) / (2.0 * A), abs=1e-4
+    )
+
+
+@pytest.mark.parametrize("shortest", [True, False])
+def test_states_far_away_are_travelled_to_within_the_limits(shortest: bool) -> None:
+    table = ready()
+    for k in range(700):
+        table.demand_states(0.01 * k, (300.0, 0.0, 0.0), 0.02, 50.0, 100.0, shortest=shortest)
+        assert abs(table.rate_dps(0.01 * k + 0.01)) <= 50.0 + 1e-9
+    # at 100 deg/s2 to 50 deg/s, and back
+    for k in range(100, 550 if not shortest else 100, 50):
+        assert table.rate_dps(0.01 * k) == pytest.approx(50.0)
+    assert table.total_angle_deg(9.0) == pytest.approx(-60.0 if shortest else 300.0, abs=1e-6)
+
+
+def test_states_without_an_end_are_held_up_to_the_rate_limit() -> None:
+    table = ready()
+    table.demand_states(0.0, (0.0, 10.0, 5.0), math.inf, 30.0)
+    assert table.rate_dps(2.0) == pytest.approx(10.0 + 5.0 * (2.0 - 2.0 / W), rel=1e-9)
+    assert table.rate_dps(100.0) == pytest.approx(30.0)

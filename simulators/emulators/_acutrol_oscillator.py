@@ -1,0 +1,192 @@
+"""The sine of an ACUTROL3000's Synthesis mode: what was demanded, how it slews there, what limits it.
+
+TM-8004-C 4.2.19 (Configure:Oscillator), 4.3.4 (Demand:Oscillator), 4.7.6 (Mode:Synthesis). The amplitude is one
+of position, rate or acceleration, slews linearly and is kept while the frequency slews, linearly or by decades.
+How an amplitude beyond the limits is limited is our reading: the sine stays one, with the largest amplitude that
+rate, acceleration and stops allow.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+from drivers.acutrol.grammar import PARAMETER_OUT_OF_RANGE, WRONG_PARAMETER_COUNT
+from simulators.emulators._acutrol_arguments import Refused, numbers, one_of
+from simulators.plant.table import Swing
+
+_ENABLED = ("ENABLE", "DISABLE")
+_STATES = ("POSITION", "RATE", "ACCELERATION")
+_SWEEPS = ("LOGARITHMIC", "LINEAR")
+_STEP = 0.01
+"""The frequency slews in steps of so much of it, or of as many hertz below 1 Hz."""
+_LEAST_HZ = 0.001
+"""The lowest frequency of a logarithmic sweep (4.2.19)."""
+AT_AMPLITUDE, AT_FREQUENCY = 1 << 10, 1 << 11
+_ACCELERATION_LIMITED, _RATE_LIMITED = 1 << 2 | 1 << 3, 1 << 4 | 1 << 5
+
+
+@dataclass(frozen=True)
+class Sine:
+    """What is demanded, or is there now: amplitude in the unit of its state, frequency in Hz, phase in deg."""
+
+    amplitude: float = 0.0
+    frequency_hz: float = 0.0
+    phase_deg: float = 0.0
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What the amplitude of the position must stay within: deg/s, deg/s2, deg."""
+
+    rate_dps: float
+    acceleration_dps2: float
+    room_deg: float = math.inf
+
+    def amplitude_deg(self, frequency_hz: float) -> float:
+        """Return the largest amplitude at a frequency."""
+        w = 2.0 * math.pi * frequency_hz
+        return min(self.room_deg, self.rate_dps / w, self.acceleration_dps2 / w**2) if w else self.room_deg
+
+
+class Oscillator:
+    """The oscillator of one axis; `swings` makes motion of it."""
+
+    def __init__(self) -> None:
+        self.demand = Sine()
+        self._enabled, self._state, self._sweep = "DISABLE", "POSITION", "LINEAR"
+        self._amplitude_slew, self._frequency_slew = 10.0, 0.1
+        self._bounds = Bounds(math.inf, math.inf)
+        self._knots: list[tuple[float, Sine]] = []
+
+    @property
+    def configuration(self) -> str:
+        """The answer to Configure:Oscillator?."""
+        slews = (f"{slew:.6f}" for slew in (self._amplitude_slew, self._frequency_slew))
+        return ",".join(
+            [self._enabled.capitalize(), *slews, self._state.capitalize(), self._sweep.capitalize()]
+        )
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the sine is added to what other modes demand."""
+        return self._enabled == "ENABLE"
+
+    def configure(self, arguments: Sequence[str]) -> None:
+        """Take enabled, amplitude slew, frequency slew, state of the amplitude and kind of sweep."""
+        if len(arguments) != 5:
+            raise Refused(WRONG_PARAMETER_COUNT)
+        enabled, state, sweep = (
+            one_of(choices, arguments[place])
+            for choices, place in ((_ENABLED, 0), (_STATES, 3), (_SWEEPS, 4))
+        )
+        slews = numbers(arguments[1:3])
+        if min(slews) <= 0.0:
+            raise Refused(PARAMETER_OUT_OF_RANGE)
+        self._enabled, self._state, self._sweep = enabled, state, sweep
+        self._amplitude_slew, self._frequency_slew = slews
+
+    def set(self, arguments: Sequence[str]) -> None:
+        """Take amplitude, frequency and initial phase; a rate or acceleration at 0 Hz has no sine."""
+        if len(arguments) != 3:
+            raise Refused(WRONG_PARAMETER_COUNT)
+        sine = Sine(*numbers(arguments))
+        if sine.frequency_hz < 0.0 or (
+            sine.frequency_hz == 0.0 and sine.amplitude and self._state != "POSITION"
+        ):
+            raise Refused(PARAMETER_OUT_OF_RANGE)
+        self.demand = sine
+
+    def reset(self) -> None:
+        """Stand still: the next swing begins without amplitude, at the frequency and the phase demanded."""
+        self._knots = []
+
+    def swings(self, from_s: float, bounds: Bounds) -> list[tuple[float, Swing]]:
+        """Return the swings from `from_s` on that slew to what is demanded, each with its duration in s."""
+        now = self._at(from_s) if self._knots else replace(self.demand, amplitude=0.0)
+        aim, self._bounds, self._knots = self.demand, bounds, []
+        times = self._times(now, aim)
+        phase = math.radians(now.phase_deg)
+        swings = []
+        sines = [self._between(now, aim, after_s) for after_s in times]
+        for (start, end), (first, last) in zip(pairwise(times), pairwise(sines), strict=True):
+            hertz = (first.frequency_hz + last.frequency_hz) / 2.0
+            self._knots.append((from_s + start, replace(first, phase_deg=math.degrees(phase))))
+            ends = self._position_deg(first), self._position_deg(last)
+            swings.append((end - start, Swing(ends[0], (ends[1] - ends[0]) / (end - start), hertz, phase)))
+            phase += 2.0 * math.pi * hertz * (end - start)
+        self._knots.append((from_s + times[-1], replace(aim, phase_deg=math.degrees(phase))))
+        swings.append((0.0, Swing(self._position_deg(aim), 0.0, aim.frequency_hz, phase)))
+        return swings
+
+    def bits(self, now_s: float) -> int:
+        """Return the bits of A<n>DYN: at amplitude, at frequency, rate or acceleration limited."""
+        if not self._knots:
+            return 0
+        now = self._at(now_s)
+        bits = AT_AMPLITUDE * (now.amplitude == self.demand.amplitude)
+        bits |= AT_FREQUENCY * (now.frequency_hz == self.demand.frequency_hz)
+        w = 2.0 * math.pi * now.frequency_hz
+        wanted = abs(self._wanted_deg(now))
+        bits |= _RATE_LIMITED * (wanted * w > self._bounds.rate_dps)
+        return bits | _ACCELERATION_LIMITED * (wanted * w * w > self._bounds.acceleration_dps2)
+
+    def _times(self, now: Sine, aim: Sine) -> list[float]:
+        """Return the seconds from now on between which amplitude and frequency are slewed in a straight line."""
+        swept_s = self._sweep_s(now, aim)
+        slewed_s = abs(aim.amplitude - now.amplitude) / self._amplitude_slew
+        change = abs(aim.frequency_hz - now.frequency_hz)
+        steps = math.ceil(change / (_STEP * max(1.0, now.frequency_hz, aim.frequency_hz)))
+        return sorted({0.0, slewed_s, *(swept_s * step / steps for step in range(1, steps + 1))})
+
+    def _sweep_s(self, now: Sine, aim: Sine) -> float:
+        if self._sweep == "LINEAR":
+            return abs(aim.frequency_hz - now.frequency_hz) / self._frequency_slew
+        ends = [max(_LEAST_HZ, sine.frequency_hz) for sine in (now, aim)]
+        return abs(math.log10(ends[1] / ends[0])) / self._frequency_slew
+
+    def _between(self, now: Sine, aim: Sine, after_s: float) -> Sine:
+        """Return amplitude and frequency `after_s` on the way from one sine to another."""
+        along = self._amplitude_slew * after_s
+        change = aim.amplitude - now.amplitude
+        amplitude = aim.amplitude if along >= abs(change) else now.amplitude + math.copysign(along, change)
+        swept_s = self._sweep_s(now, aim)
+        if after_s >= swept_s:
+            return Sine(amplitude, aim.frequency_hz)
+        share = after_s / swept_s
+        if self._sweep == "LINEAR":
+            return Sine(amplitude, now.frequency_hz + share * (aim.frequency_hz - now.frequency_hz))
+        low, high = (max(_LEAST_HZ, sine.frequency_hz) for sine in (now, aim))
+        return Sine(amplitude, low * (high / low) ** share)
+
+    def _at(self, now_s: float) -> Sine:
+        """Return the sine that is there at `now_s`, its phase that of this moment."""
+        past = [number for number, (start, _) in enumerate(self._knots) if start <= now_s]
+        number = past[-1] if past else 0
+        start, sine = self._knots[number]
+        if number + 1 == len(self._knots):
+            turned = 360.0 * sine.frequency_hz * max(0.0, now_s - start)
+            return replace(sine, phase_deg=sine.phase_deg + turned)
+        end, after = self._knots[number + 1]
+        share = max(0.0, now_s - start) / (end - start)
+        return Sine(
+            *(
+                before + share * (value - before)
+                for before, value in (
+                    (sine.amplitude, after.amplitude),
+                    (sine.frequency_hz, after.frequency_hz),
+                    (sine.phase_deg, after.phase_deg),
+                )
+            )
+        )
+
+    def _wanted_deg(self, sine: Sine) -> float:
+        """Return the amplitude of the position that an amplitude of its state is."""
+        w = 2.0 * math.pi * sine.frequency_hz
+        return sine.amplitude / w ** _STATES.index(self._state) if w or self._state == "POSITION" else 0.0
+
+    def _position_deg(self, sine: Sine) -> float:
+        wanted = self._wanted_deg(sine)
+        return math.copysign(min(abs(wanted), self._bounds.amplitude_deg(sine.frequency_hz)), wanted)
