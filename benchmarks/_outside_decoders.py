@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import importlib
 import math
+import shutil
 import sys
 import tempfile
 import types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from bench.record.benchfile import load_bench_file
+from benchmarks._outside_native import Message, NativeDecoders
 from drivers.base.constants import STANDARD_GRAVITY_MPS2
 from drivers.kit.registry import EMULATORS, registered
 from simulators.interfaces import Installation, StreamingEmulator
@@ -37,6 +39,12 @@ axes = "xyz"
 driver = "frames"
 port = "/dev/ttyUSB1"
 """
+_NATIVE: Sequence[tuple[str, str, Sequence[str]]] = (
+    ("hg4930", "bolderflight/hg4930", ("hg4930_control", "hg4930_inertial")),
+    ("vectornav", "VectorNav vnproglib", ("vectornav",)),
+    ("drivers-imu_kvh_1750", "drivers-imu_kvh_1750", ("kvh_format_a",)),
+)
+"""Folder, client and calls."""
 MODBUS: tuple[tuple[str, str, tuple[Any, ...]], ...] = (
     ("F4", "read_register", (100, 1, 3, True)),
     ("F4", "read_register", (100, 1, 4, True)),
@@ -97,10 +105,13 @@ def minimalmodbus_client(ask: Callable[[bytes], bytes]) -> Any:
 
 
 class Decoders:
-    """The decoders that are in `sources`; each call returns what it made of 10 s of a unit at rest, in words."""
+    """The decoders that are in `sources`; each call returns what it made of 10 s of a unit at rest, in words.
 
-    def __init__(self, sources: Path) -> None:
-        self._sources = sources
+    Those in C++ are built in `folder`.
+    """
+
+    def __init__(self, sources: Path, folder: Path) -> None:
+        self._sources, self._native = sources, NativeDecoders(sources, folder)
 
     def available(self) -> Iterator[tuple[str, str]]:
         """Yield client and call of each."""
@@ -108,6 +119,25 @@ class Decoders:
             yield "pystim300", "stim300"
         if (self._sources / "products").is_dir():
             yield "hipnuc/products", "hipnuc"
+        for room, client, units in _NATIVE:
+            if shutil.which("g++") and (self._sources / room).is_dir():
+                yield from ((client, unit) for unit in units)
+
+    def hg4930_control(self) -> str:
+        """Feed Hg4930::Parse with control messages."""
+        return _of_native(self._native.hg4930(_bytes("hg4930", "control", _RATE_HZ)))
+
+    def hg4930_inertial(self) -> str:
+        """Feed Hg4930::Parse with inertial messages."""
+        return _of_native(self._native.hg4930(_bytes("hg4930", "inertial", _RATE_HZ)))
+
+    def vectornav(self) -> str:
+        """Feed PacketFinder with binary messages of rate and acceleration, which have no temperature."""
+        return _of_native(self._native.vectornav(_bytes("vectornav", "rate_accel", _RATE_HZ)))
+
+    def kvh_format_a(self) -> str:
+        """Feed Driver::read with messages in Format A."""
+        return _of_native(self._native.kvh(_bytes("kvh", "a", _RATE_HZ)))
 
     def stim300(self) -> str:
         """Feed NormalStreamParser with datagrams of rate, acceleration and temperature."""
@@ -160,6 +190,10 @@ def _bytes(description: str, message: str, rate_hz: int) -> bytes:
     return b"" if block is None else block.data
 
 
+def _of_native(messages: list[Message]) -> str:
+    return _words(messages, _RATE_HZ, lambda one: one[0], lambda one: one[1], lambda one: one[2])
+
+
 def _words(records: list[Any], rate_hz: int, force: Any, rate: Any, temp: Any) -> str:
     """Say how many of the messages came, and their means: size of the force in g, z rate in deg/s, degC."""
     if not records:
@@ -173,5 +207,6 @@ def _words(records: list[Any], rate_hz: int, force: Any, rate: Any, temp: Any) -
         )
     )
     complete = "" if len(records) >= _SECONDS * rate_hz - 1 else "fails: "  # the last may be on the line yet
+    warmth = "no temperature" if math.isnan(temp_c) else f"{temp_c:.1f} degC"
     counted = f"{len(records)} of {_SECONDS * rate_hz} messages"
-    return f"{complete}{counted}, force {force_g:.4f} g, z {rate_dps:+.4f} deg/s, {temp_c:.1f} degC"
+    return f"{complete}{counted}, force {force_g:.4f} g, z {rate_dps:+.4f} deg/s, {warmth}"

@@ -7,12 +7,20 @@ SOURCES has their repositories, none of which is kept here:
     git clone https://github.com/cookednoodle/pystim300 SOURCES/pystim300
     git clone https://github.com/hipnuc/products SOURCES/products
     git clone https://github.com/ppudo/labtoys_python SOURCES/labtoys_python
+    git clone https://github.com/IEAv-EFO/acutrol3000 SOURCES/acutrol3000
+    git clone https://github.com/AcutronicRobotics/acutrol SOURCES/acutrol
+    git clone https://github.com/actigraph/RateTableSweepGUI SOURCES/RateTableSweepGUI
+    git clone https://github.com/bolderflight/hg4930 SOURCES/hg4930
+    git clone https://github.com/dawonn/vectornav SOURCES/vectornav
+    git clone https://github.com/Brazilian-Institute-of-Robotics/drivers-imu_kvh_1750 SOURCES/drivers-imu_kvh_1750
+    git clone https://github.com/hardbyte/python-can SOURCES/python-can
     pip install --target SOURCES/minimalmodbus minimalmodbus==2.1.1
     pip install --no-deps --target SOURCES/cts-chamber cts-chamber==0.3.0
 
-pymeasure comes with the extra `bench`. Writes the table of docs/instruments.md between its marks.
-ChamberConnectLibrary is Python 2: a converted copy lies in a temporary folder while this runs. Bytes go from the
-client's own exchange to the emulator and back; an exchange takes 1 s of lab time.
+pymeasure comes with the extra `bench`; what is in C++ is compiled with g++ and left out without it. Writes the
+table of docs/instruments.md between its marks. ChamberConnectLibrary and AcutronicRobotics/acutrol are Python 2:
+converted copies lie in a temporary folder while this runs. Bytes go from the client's own exchange to the
+emulator and back; an exchange takes 1 s of lab time, one with a table 0.1 s.
 """
 
 from __future__ import annotations
@@ -33,6 +41,7 @@ from typing import Any
 from pymodbus.framer import FramerRTU
 
 from benchmarks._marks import fill
+from benchmarks._outside_can import back_to_back
 from benchmarks._outside_chambers import (
     CTS_CHAMBER,
     LABTOYS,
@@ -42,6 +51,7 @@ from benchmarks._outside_chambers import (
     pymeasure_oven,
 )
 from benchmarks._outside_decoders import MODBUS, Decoders, minimalmodbus_client
+from benchmarks._outside_tables import ACTIGRAPH, IEAV, ROBOTICS, actigraph, ieav, robotics
 from simulators.emulators.cts import CtsEmulator
 from simulators.emulators.espec import EspecEmulator
 from simulators.emulators.thermotron import ThermotronEmulator
@@ -115,6 +125,7 @@ _BASIL: Sequence[tuple[str, tuple[Any, ...]]] = (
     ("get_air_dryer", ()),
     ("stop_manual_mode", ()),
 )
+_REFUSALS = ("ModbusError", "EspecError", "IllegalRequestError", "RefusedError")
 
 
 @dataclass(frozen=True)
@@ -155,18 +166,32 @@ def main(sources: Path) -> None:
             rows += _chamber_connect(sources / "ChamberConnectLibrary", Path(folder))
         if (sources / "basil").is_dir():
             rows += _basil(sources / "basil")
+        rows += _tables(sources, Path(folder))
+        decoders = Decoders(sources, Path(folder))
+        for client, unit in decoders.available():
+            rows += _called(client, decoders, [(unit, ())])
     if (sources / "minimalmodbus").is_dir():
         rows += _minimalmodbus(sources / "minimalmodbus")
     rows += _cts_and_thermotron(sources)
-    decoders = Decoders(sources)
-    for client, unit in decoders.available():
-        rows += _called(client, decoders, [(unit, ())])
+    if (sources / "python-can").is_dir():
+        rows += [Row("python-can back2back_test", *told) for told in back_to_back(sources / "python-can")]
     if not rows:
         raise SystemExit(f"{sources} has none of the clients; clone them first:\n{__doc__}")
     lines = [f"| {row.client} | `{row.call}` | {row.result} |\n" for row in rows]
     fill(_PAGE, "outside clients", "| client | call | result |\n|---|---|---|\n" + "".join(lines))
     refused, failed = (sum(row.result.startswith(word) for row in rows) for word in ("refused:", "fails:"))
     print(f"{len(rows)} calls, {refused} refused, {failed} fail")
+
+
+def _tables(sources: Path, folder: Path) -> Iterator[Row]:
+    """Yield the rows of both clients of an ACUTROL3000 and of a program for an ATL table."""
+    if (sources / "acutrol3000").is_dir():
+        yield from _called("IEAv-EFO/acutrol3000", ieav(sources / "acutrol3000"), IEAV)
+    if (sources / "acutrol").is_dir():
+        yield from _called("AcutronicRobotics/acutrol", robotics(sources / "acutrol", folder), ROBOTICS)
+    if (sources / "RateTableSweepGUI").is_dir():
+        table = actigraph(sources / "RateTableSweepGUI")
+        yield from _called("actigraph/RateTableSweepGUI", table, ACTIGRAPH)
 
 
 def _cts_and_thermotron(sources: Path) -> Iterator[Row]:
@@ -188,7 +213,7 @@ def _called(name: str, client: Any, calls: Sequence[tuple[str, tuple[Any, ...]]]
         try:
             result = str(getattr(client, call)(*arguments))
         except Exception as error:  # whatever a client raises is its result
-            refused = type(error).__name__ in ("ModbusError", "EspecError", "IllegalRequestError")
+            refused = type(error).__name__ in _REFUSALS
             result = f"{'refused' if refused else 'fails'}: {error}"
         yield Row(name, text, result if len(result) <= 100 else result[:97] + "...")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 from collections import deque
 
 import numpy as np
@@ -85,8 +86,9 @@ class BufferedSlcanBus(can.BusABC):  # type: ignore[misc]  # python-can is Any t
     when the port is gone. While `link.streaming` is set, bytes go to the link's tap only and `recv` gets nothing.
     Construction raises ConfigurationError for a bit rate that slcan does not define or a port that cannot be
     opened, and NotClassicCan with `fd`. `single_handle` is told to every interface by python-can's own programs
-    (`can.logger -i gyrobench_slcan`), and means nothing to a serial port. There is no `fileno`: frames wait in
-    this object after the port was read, so that selecting on the port would miss them (python-can's Notifier then
+    (`can.logger -i gyrobench_slcan`), and means nothing to a serial port. `receive_own_messages`: what is sent is
+    received, too, with `is_rx` false, once the port has taken it. There is no `fileno`: frames wait in this
+    object after the port was read, so that selecting on the port would miss them (python-can's Notifier then
     uses a thread).
     """
 
@@ -102,6 +104,7 @@ class BufferedSlcanBus(can.BusABC):  # type: ignore[misc]  # python-can is Any t
         can_filters: can.typechecking.CanFilters | None = None,
         fd: bool = False,
         single_handle: bool = True,
+        receive_own_messages: bool = False,
     ) -> None:
         if fd:
             raise NotClassicCan(
@@ -114,6 +117,7 @@ class BufferedSlcanBus(can.BusABC):  # type: ignore[misc]  # python-can is Any t
         self._owns_clock = clock is None
         self._clock: Clock = WallClock() if clock is None else clock
         self._time_offset = epoch_seconds() - self._clock.now() if clock is None else 0.0
+        self._own = receive_own_messages
         self._parser = SlcanParser()
         self._messages: deque[can.Message] = deque()
         self.channel_info = f"slcan adapter on {channel}"
@@ -159,6 +163,10 @@ class BufferedSlcanBus(can.BusABC):  # type: ignore[misc]  # python-can is Any t
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send a message; NotClassicCan for one that classic CAN cannot carry. `timeout` is the link's own."""
         self.link.write(encode_message(msg))
+        if self._own:
+            sent = copy.deepcopy(msg)
+            sent.timestamp, sent.is_rx = self._clock.now() + self._time_offset, False
+            self._messages.append(sent)
 
     def shutdown(self) -> None:
         """Close the channel and the port; never raises for a port that is already gone."""

@@ -153,6 +153,45 @@ def test_the_emulated_table_serves_the_public_program(end):
     assert float(answers[5].split()[0]) >= 0.0
 
 
+def asked(device, now_s, *lines):
+    """The answers to lines at a time, by what stands before the prompt."""
+    replies = [reply.data for line in lines for reply in device.receive(line + b"\r\n", now_s)]
+    return [reply.split(b"\r\n")[0].decode() for reply in replies]
+
+
+def test_a_sine_swings_about_where_the_table_stands_and_ends_after_its_cycles():
+    plant = TableAxis(TableParameters(ripple_once_ppm=0.0, ripple_twice_ppm=0.0))
+    device = AtlEmulator(plant)
+    assert asked(device, 0.0, b"SRV1", b"ACL150", b"RMO30", b"AMP5", b"PER2", b"CYC3") == [""] * 6
+    assert asked(device, 10.0, b"SGO") == []  # answered with the next line
+    size = 5.0 / (1.0 + (0.5 / 5.0) ** 2)
+    assert np.ptp(plant.total_angles_deg(np.linspace(11.0, 13.0, 2001))) == pytest.approx(
+        2.0 * size, rel=1e-5
+    )
+    assert asked(device, 12.0, b"MCO1") == ["", "0"]
+    # three cycles of 2 s, then it stands
+    assert plant.total_angle_deg(17.0) == pytest.approx(30.0, abs=1e-6)
+    assert asked(device, 17.0, b"MCO1", b"PVE") == ["1", "0.0000"]
+    assert asked(device, 17.0, b"FRQ10", b"CYC0", b"SGO") == ["", "", "?"]  # 5 deg at 10 Hz: 19,700 deg/s2
+    assert asked(device, 17.0, b"FRQ0.5", b"SGO", b"STA") == ["", "", "1"]
+    assert abs(plant.rate_dps(100.0)) + abs(plant.rate_dps(100.5)) > 10.0
+    assert asked(device, 100.6, b"STO") == [""]
+    assert plant.rate_dps(105.0) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_zero_and_home_are_where_they_were_put():
+    exact = dict.fromkeys(("encoder_error_arcsec", "encoder_noise_arcsec", "encoder_ripple_arcsec"), 0.0)
+    plant = TableAxis(TableParameters(ripple_once_ppm=0.0, ripple_twice_ppm=0.0, **exact))
+    device = AtlEmulator(plant)
+    asked(device, 0.0, b"SRV1", b"RMO40")
+    assert asked(device, 10.0, b"ZER10", b"PPO", b"HOF-20", b"HOM") == ["", "10.0000", "", ""]
+    assert asked(device, 20.0, b"PPO", b"MOV25") == ["340.0000", ""]
+    assert asked(device, 30.0, b"PPO", b"DIR1", b"SAV") == ["25.0000", "", ""]
+    assert plant.total_angle_deg(30.0) == pytest.approx(55.0, abs=1e-3)
+    for wrong in (b"AMP0", b"FRQ0", b"PER-1", b"CYC-1", b"DIR2", b"SAV1", b"ZER"):
+        assert asked(device, 30.0, wrong) == ["?"], wrong
+
+
 def test_a_question_mark_is_a_no():
     table, *_ = emulated()
     with pytest.raises(DeviceRefused, match="JOG"):

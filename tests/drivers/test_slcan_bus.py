@@ -128,6 +128,23 @@ def test_damage_never_raises_and_the_next_frame_arrives(adapter: Adapter, damage
     bus.shutdown()
 
 
+def test_what_is_sent_is_received_too_where_it_is_wanted(adapter: Adapter) -> None:
+    sent = can.Message(arbitration_id=0x300, data=[2, 1, 3], is_extended_id=False)
+    with can.Bus(adapter.path, interface="gyrobench_slcan", receive_own_messages=True) as bus:
+        before_s = epoch_seconds()
+        bus.send(sent)
+        own = bus.recv(0.0)
+        assert (
+            own is not None
+            and own is not sent
+            and own.equals(sent, timestamp_delta=None, check_direction=False)
+        )
+        assert not own.is_rx and before_s - 1.0 < own.timestamp < epoch_seconds() + 1.0
+    with can.Bus(adapter.path, interface="gyrobench_slcan") as bus:
+        bus.send(sent)
+        assert bus.recv(0.0) is None
+
+
 def test_filters_and_timeout(adapter: Adapter) -> None:
     wanted = [{"can_id": 0x122, "can_mask": 0x7FF, "extended": False}]
     clock = StillClock()
