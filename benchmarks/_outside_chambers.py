@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import sys
 import types
 from collections.abc import Callable, Sequence
@@ -47,6 +48,14 @@ CTS_CHAMBER: Sequence[tuple[str, tuple[Any, ...]]] = (
     ("stop", ()),
     ("set_temperature", (25.0,)),
     ("get_humidity", ()),
+)
+
+VT4002: Sequence[tuple[str, tuple[Any, ...]]] = (
+    ("read_temp", ("COM1", False)),
+    ("set_temp", ("COM1", -20.5, "ON", False)),
+    ("read_temp", ("COM1", False)),
+    ("set_temp", ("COM1", 30.0, "OFF", False)),
+    ("read_temp", ("COM1", False)),
 )
 
 
@@ -117,3 +126,22 @@ def cts_chamber(source: Path, ask: Ask) -> Any:
     )
     manager = types.SimpleNamespace(open_resource=lambda path: port)
     return package.CTSChamber(resource_path="memory", resource_manager=manager)
+
+
+def vt4002(source: Path, ask: Ask) -> Any:
+    """Return ondrejh's module for ASCII-2 on RS-232."""
+    answers: list[bytes] = []
+
+    def lines() -> list[bytes]:
+        taken = [line for answer in answers for line in answer.splitlines(keepends=True)]
+        answers.clear()
+        return taken
+
+    port = types.SimpleNamespace(write=lambda data: answers.append(ask(bytes(data))), readlines=lines)
+    spec = importlib.util.spec_from_file_location("vt4002", source / "VT4002.py")
+    if spec is None or spec.loader is None:
+        raise SystemExit(f"{source} has no VT4002.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    vars(module)["serial"] = types.SimpleNamespace(Serial=lambda name, baud, timeout: port)
+    return module

@@ -7,6 +7,7 @@ SOURCES has their repositories, none of which is kept here:
     git clone https://github.com/cookednoodle/pystim300 SOURCES/pystim300
     git clone https://github.com/hipnuc/products SOURCES/products
     git clone https://github.com/ppudo/labtoys_python SOURCES/labtoys_python
+    git clone https://github.com/ondrejh/VT4002 SOURCES/VT4002
     git clone https://github.com/IEAv-EFO/acutrol3000 SOURCES/acutrol3000
     git clone https://github.com/AcutronicRobotics/acutrol SOURCES/acutrol
     git clone https://github.com/actigraph/RateTableSweepGUI SOURCES/RateTableSweepGUI
@@ -46,9 +47,11 @@ from benchmarks._outside_chambers import (
     CTS_CHAMBER,
     LABTOYS,
     PYMEASURE,
+    VT4002,
     cts_chamber,
     labtoys_chamber,
     pymeasure_oven,
+    vt4002,
 )
 from benchmarks._outside_decoders import MODBUS, Decoders, minimalmodbus_client
 from benchmarks._outside_tables import ACTIGRAPH, IEAV, ROBOTICS, actigraph, ieav, robotics
@@ -198,6 +201,9 @@ def _cts_and_thermotron(sources: Path) -> Iterator[Row]:
     """Yield the rows of pymeasure on a 3800 that answers no command, and of both classes for a CTS."""
     oven = Line(lambda plant: ThermotronEmulator(plant, controller="3800", acknowledges=False))
     yield from _called("pymeasure Thermotron3800", pymeasure_oven(oven.ask), PYMEASURE)
+    if (sources / "VT4002").is_dir():
+        weiss = Line(lambda plant: WeissEmulator(plant, auxiliary=range(1, 9), values_with_set=True))
+        yield from _called("ondrejh/VT4002", vt4002(sources / "VT4002", weiss.ask), VT4002)
     if (sources / "labtoys_python").is_dir():
         bare = Line(lambda plant: CtsEmulator(plant, framed=False))
         chamber = labtoys_chamber(sources / "labtoys_python", bare.ask)

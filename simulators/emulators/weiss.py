@@ -45,8 +45,9 @@ class WeissEmulator:
 
     `auxiliary`: numbers of the sensors the plant has. `start_channel`: SimServ index of the Start output, 1 as on
     newer controllers, 2 on some. A set point outside the limits is refused; conditioning does not run while an
-    alarm is active. Every line gets one reply, `latency_s` after it was taken up, one line after the other; lines
-    for another ASCII-2 address get none.
+    alarm is active. `values_with_set`: ASCII-2's E has as many numbers as the answer to I, and the set point
+    alone stops the conditioning, as a VT 4002 is spoken to (ondrejh/VT4002). Every line gets one reply,
+    `latency_s` after it was taken up, one line after the other; lines for another ASCII-2 address get none.
     """
 
     def __init__(
@@ -62,8 +63,10 @@ class WeissEmulator:
         year: int = 2019,
         serial_number: str = "64636625",
         latency_s: float = 0.020,
+        values_with_set: bool = False,
     ) -> None:
         self._address = address
+        self._values_with_set = values_with_set
         self._latency_s = latency_s
         self._controller = Controller(
             plant,
@@ -72,7 +75,9 @@ class WeissEmulator:
             limits_c=(min_temp_c, max_temp_c),
             info=(model, f"{year % 100:02d}", serial_number),
         )
-        self._configuration = _configuration(auxiliary, Setting(min_temp_c, max_temp_c, "Temperature"))
+        self._configuration = _configuration(
+            auxiliary, Setting(min_temp_c, max_temp_c, "Temperature"), values_with_set=values_with_set
+        )
         self._input = bytearray()
         self._free_at_s = 0.0
         self._refusals = 0
@@ -144,6 +149,8 @@ class WeissEmulator:
         return encode_values(numbers, "".join(self._controller.digital))
 
     def _ascii2_set(self, arguments: list[str], now_s: float) -> bool:
+        if self._values_with_set and len(arguments) == 1:
+            arguments = [*arguments * len(self._configuration.set_fields), ""]
         if len(arguments) != len(self._configuration.set_fields) + 1:
             return False
         set_point_c, digital = _finite(arguments[0]), arguments[-1]
@@ -185,10 +192,10 @@ class WeissEmulator:
         return (NOT_READABLE,) if answer is None else (OK, answer)
 
 
-def _configuration(auxiliary: Sequence[int], temperature: Setting) -> Configuration:
+def _configuration(auxiliary: Sequence[int], temperature: Setting, *, values_with_set: bool) -> Configuration:
     measured = {f"MV{number:02d}": f"T.sensor {number}" for number in auxiliary}
     return Configuration(
-        set_fields=("CV01",),
+        set_fields=("CV01", "SV01", *measured) if values_with_set else ("CV01",),
         read_fields=("CV01", "CV01", *measured),
         digital_count=len(OUTPUT_NAMES),
         settings={"CV01": temperature},

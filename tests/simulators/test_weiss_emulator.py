@@ -179,6 +179,21 @@ def test_configuration_text_describes_the_strings(chamber):
     assert configuration.set_fields == ("CV01",)
 
 
+def test_a_chamber_that_takes_all_values_with_the_set_point(plant):
+    """The lines of ondrejh/VT4002: ten numbers and 16 outputs, or the set point alone, which stops it."""
+    chamber = WeissEmulator(plant, auxiliary=range(1, 9), values_with_set=True)
+    line = "$01E -020.5 0080.0 0027.5 0000.0 0027.0 -191.3 0000.0 -191.3 0025.5 -191.3 0111000000000000"
+    assert ask(chamber, line) == "0\r"
+    assert plant.demands[-1][1] == -20.5 and plant.demands[-1][-1] is True
+    values = ask(chamber, "$01I").split()
+    assert float(values[0]) == -20.5 and values[10][:4] == "0111"
+    assert ask(chamber, "$01E 0030.0") == "0\r"
+    assert plant.demands[-1][1] == 30.0 and plant.demands[-1][-1] is False
+    assert ask(chamber, "$01E 0030.0 0100000000000000") == "\r"  # two numbers are none of its lines
+    assert len(decode_configuration(ask(chamber, "$01?")).set_fields) == 10
+    assert ask(WeissEmulator(plant), "$01E 0030.0") == "\r"
+
+
 def test_an_alarm_stops_conditioning_until_reset(chamber, plant):
     ask(chamber, "14001¶1¶1¶1")
     chamber.raise_alarm("Temperature limiter", 5.0)
