@@ -22,6 +22,8 @@ _STATES = ("POSITION", "RATE", "ACCELERATION")
 _SWEEPS = ("LOGARITHMIC", "LINEAR")
 _STEP = 0.01
 """The frequency slews in steps of so much of it, or of as many hertz below 1 Hz."""
+_PARTS = 32
+"""An amplitude that is limited on its way slews in so many parts."""
 _LEAST_HZ = 0.001
 """The lowest frequency of a logarithmic sweep (4.2.19)."""
 AT_AMPLITUDE, AT_FREQUENCY = 1 << 10, 1 << 11
@@ -139,7 +141,9 @@ class Oscillator:
         slewed_s = abs(aim.amplitude - now.amplitude) / self._amplitude_slew
         change = abs(aim.frequency_hz - now.frequency_hz)
         steps = math.ceil(change / (_STEP * max(1.0, now.frequency_hz, aim.frequency_hz)))
-        return sorted({0.0, slewed_s, *(swept_s * step / steps for step in range(1, steps + 1))})
+        parts = _PARTS if abs(self._wanted_deg(aim)) > self._bounds.amplitude_deg(aim.frequency_hz) else 1
+        slewed = (slewed_s * part / parts for part in range(1, parts + 1))
+        return sorted({0.0, *slewed, *(swept_s * step / steps for step in range(1, steps + 1))})
 
     def _sweep_s(self, now: Sine, aim: Sine) -> float:
         if self._sweep == "LINEAR":

@@ -117,6 +117,14 @@ def test_a_sine_keeps_to_the_limits_of_synthesis(limit: str, size_deg: float, bi
     assert table.bits(5.0) & 0b111100 == bits
 
 
+def test_a_limited_sine_slews_as_fast_as_any_until_it_is_limited() -> None:
+    table = Controller()
+    table.tell(":con:osc 1,disable,1,1,pos,lin;:lim:acc synt,1,1000;:dem:osc 1,10,4,0;:mode:synt 1")
+    limit = 1000.0 / (8.0 * math.pi) ** 2  # 1.58 deg, reached after 1.58 s at 1 deg/s
+    assert table.amplitude(0.9, 0.25)[1] == pytest.approx(served(1.025, 4.0), rel=0.1)
+    assert table.amplitude(2.0, 0.25)[1] == pytest.approx(served(limit, 4.0), rel=1e-3)
+
+
 def test_a_sine_stays_between_the_stops_of_a_limited_axis() -> None:
     table = Controller(-40.0, 25.0)
     table.tell(":mode:pos 1;:dem:pos 1,20;:con:osc 1,disable,1000,1,pos,lin;:mode:synt 1;:dem:osc 1,9,0.1,0")
