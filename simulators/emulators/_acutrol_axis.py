@@ -19,7 +19,7 @@ from simulators.plant.table import TableAxis
 # Modes an axis has, with the number A<n>STATE shows in bits 0-3. The manual refers to the list in 4.7 for the
 # numbers; counting that list from 0 is our reading.
 MODES: Mapping[str, int] = {"POSITION": 0, "RATE": 1, "SYNTHESIS": 3, "TRACK": 4, "OFF": 6}
-LIMITED_MODES = ("POSITION", "RATE", "SYNTHESIS", "TRACK")
+LIMITED_MODES = ("POSITION", "RATE", "ARATE", "SYNTHESIS", "TRACK")
 _VECTORS: Mapping[str, int] = {"SHORTVECTOR": 2, "VECTOR": 3}
 """How many numbers a demand of all states has."""
 _INTERVALS_MS = (0.0, 65535.0)
@@ -155,12 +155,10 @@ class AcutrolAxis:
 
     def limit(self, name: str, mode: str) -> float:
         """Return the limit `name`, RATE or ACCELERATION, in force in `mode`."""
-        return self._limits.get(mode, self._highest)[name]
+        return self._limits[mode][name]
 
     def set_limit(self, name: str, mode: str, text: str) -> None:
         """Set a limit of `mode`, one of `LIMITED_MODES`; it counts from the next demand on."""
-        if mode not in self._limits:
-            raise Refused(NOT_IMPLEMENTED)
         (value,) = numbers([text])
         if not 0.0 < value <= self._highest[name]:
             raise Refused(PARAMETER_OUT_OF_RANGE)
@@ -240,10 +238,10 @@ class AcutrolAxis:
         if self.interlock != "Close" or not swung:
             return
         limits, (low, high) = self._limits["SYNTHESIS"], self._angle_limits
-        centre = self._demands["POSITION"]
+        from_s, centre = self.plant.rest(now_s)
         room = min(math.inf if high is None else high - centre, math.inf if low is None else centre - low)
         bounds = Bounds(limits["RATE"], limits["ACCELERATION"], room)
-        self.plant.demand_swing(now_s, self.oscillator.swings(self.plant.rest_s(now_s), bounds))
+        self.plant.demand_swing(now_s, self.oscillator.swings(from_s, bounds))
 
     def _way(self, now_s: float) -> float:
         """Return the turn to the position demand that stays between the stops of a limited axis."""

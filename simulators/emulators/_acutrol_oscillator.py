@@ -9,6 +9,7 @@ rate, acceleration and stops allow.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -53,6 +54,15 @@ class Bounds:
         return min(self.room_deg, self.rate_dps / w, self.acceleration_dps2 / w**2) if w else self.room_deg
 
 
+@dataclass(frozen=True)
+class _Knot:
+    """The sine from a moment on, and the amplitude of the position that it has within the bounds."""
+
+    start_s: float
+    sine: Sine
+    position_deg: float
+
+
 class Oscillator:
     """The oscillator of one axis; `swings` makes motion of it."""
 
@@ -61,7 +71,7 @@ class Oscillator:
         self._enabled, self._state, self._sweep = "DISABLE", "POSITION", "LINEAR"
         self._amplitude_slew, self._frequency_slew = 10.0, 0.1
         self._bounds = Bounds(math.inf, math.inf)
-        self._knots: list[tuple[float, Sine]] = []
+        self._knots: list[_Knot] = []
 
     @property
     def configuration(self) -> str:
@@ -106,28 +116,35 @@ class Oscillator:
         self._knots = []
 
     def swings(self, from_s: float, bounds: Bounds) -> list[tuple[float, Swing]]:
-        """Return the swings from `from_s` on that slew to what is demanded, each with its duration in s."""
-        now = self._at(from_s) if self._knots else replace(self.demand, amplitude=0.0)
+        """Return the swings from `from_s` on that slew to what is demanded, each with its duration in s.
+
+        They go on from the position's amplitude that is there, whatever its bounds and its state were.
+        """
+        now, position_deg = self._at(from_s) if self._knots else (self.demand, 0.0)
+        now = replace(now, amplitude=position_deg * self._per_deg(now))
         aim, self._bounds, self._knots = self.demand, bounds, []
         times = self._times(now, aim)
         phase = math.radians(now.phase_deg)
         swings = []
         sines = [self._between(now, aim, after_s) for after_s in times]
-        for (start, end), (first, last) in zip(pairwise(times), pairwise(sines), strict=True):
+        amplitudes = [position_deg, *map(self._position_deg, sines[1:])]
+        for (start, end), (first, last), (at, to) in zip(
+            pairwise(times), pairwise(sines), pairwise(amplitudes), strict=True
+        ):
             hertz = (first.frequency_hz + last.frequency_hz) / 2.0
-            self._knots.append((from_s + start, replace(first, phase_deg=math.degrees(phase))))
-            ends = self._position_deg(first), self._position_deg(last)
-            swings.append((end - start, Swing(ends[0], (ends[1] - ends[0]) / (end - start), hertz, phase)))
+            self._knots.append(_Knot(from_s + start, replace(first, phase_deg=math.degrees(phase)), at))
+            swings.append((end - start, Swing(at, (to - at) / (end - start), hertz, phase)))
             phase += 2.0 * math.pi * hertz * (end - start)
-        self._knots.append((from_s + times[-1], replace(aim, phase_deg=math.degrees(phase))))
-        swings.append((0.0, Swing(self._position_deg(aim), 0.0, aim.frequency_hz, phase)))
+        last_deg = self._position_deg(aim)
+        self._knots.append(_Knot(from_s + times[-1], replace(aim, phase_deg=math.degrees(phase)), last_deg))
+        swings.append((0.0, Swing(last_deg, 0.0, aim.frequency_hz, phase)))
         return swings
 
     def bits(self, now_s: float) -> int:
         """Return the bits of A<n>DYN: at amplitude, at frequency, rate or acceleration limited."""
         if not self._knots:
             return 0
-        now = self._at(now_s)
+        now, _ = self._at(now_s)
         bits = AT_AMPLITUDE * (now.amplitude == self.demand.amplitude)
         bits |= AT_FREQUENCY * (now.frequency_hz == self.demand.frequency_hz)
         w = 2.0 * math.pi * now.frequency_hz
@@ -165,31 +182,35 @@ class Oscillator:
         low, high = (max(_LEAST_HZ, sine.frequency_hz) for sine in (now, aim))
         return Sine(amplitude, low * (high / low) ** share)
 
-    def _at(self, now_s: float) -> Sine:
-        """Return the sine that is there at `now_s`, its phase that of this moment."""
-        past = [number for number, (start, _) in enumerate(self._knots) if start <= now_s]
-        number = past[-1] if past else 0
-        start, sine = self._knots[number]
+    def _at(self, now_s: float) -> tuple[Sine, float]:
+        """Return the sine that is there at `now_s`, its phase that of now, and the position's amplitude."""
+        number = max(0, bisect_right(self._knots, now_s, key=lambda knot: knot.start_s) - 1)
+        knot = self._knots[number]
+        after_s, sine = max(0.0, now_s - knot.start_s), knot.sine
         if number + 1 == len(self._knots):
-            turned = 360.0 * sine.frequency_hz * max(0.0, now_s - start)
-            return replace(sine, phase_deg=sine.phase_deg + turned)
-        end, after = self._knots[number + 1]
-        share = max(0.0, now_s - start) / (end - start)
-        return Sine(
-            *(
-                before + share * (value - before)
-                for before, value in (
-                    (sine.amplitude, after.amplitude),
-                    (sine.frequency_hz, after.frequency_hz),
-                    (sine.phase_deg, after.phase_deg),
-                )
-            )
+            turned = 360.0 * sine.frequency_hz * after_s
+            return replace(sine, phase_deg=sine.phase_deg + turned), knot.position_deg
+        following = self._knots[number + 1]
+        share = after_s / (following.start_s - knot.start_s)
+
+        def between(before: float, after: float) -> float:
+            return before + share * (after - before)
+
+        there = Sine(
+            between(sine.amplitude, following.sine.amplitude),
+            between(sine.frequency_hz, following.sine.frequency_hz),
+            between(sine.phase_deg, following.sine.phase_deg),
         )
+        return there, between(knot.position_deg, following.position_deg)
+
+    def _per_deg(self, sine: Sine) -> float:
+        """Return the amplitude of its state of a sine of 1 deg at its frequency."""
+        return float((2.0 * math.pi * sine.frequency_hz) ** _STATES.index(self._state))
 
     def _wanted_deg(self, sine: Sine) -> float:
         """Return the amplitude of the position that an amplitude of its state is."""
-        w = 2.0 * math.pi * sine.frequency_hz
-        return sine.amplitude / w ** _STATES.index(self._state) if w or self._state == "POSITION" else 0.0
+        per_deg = self._per_deg(sine)
+        return sine.amplitude / per_deg if per_deg else 0.0
 
     def _position_deg(self, sine: Sine) -> float:
         wanted = self._wanted_deg(sine)

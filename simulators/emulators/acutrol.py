@@ -19,7 +19,7 @@ from drivers.acutrol.grammar import (
 from drivers.base.errors import ConfigurationError
 from drivers.kit.config import TableConfig
 from simulators.emulators._acutrol_arguments import Refused, one_of
-from simulators.emulators._acutrol_axis import FAULT_NAMES, MODES, AcutrolAxis, fault_bits
+from simulators.emulators._acutrol_axis import FAULT_NAMES, LIMITED_MODES, MODES, AcutrolAxis, fault_bits
 from simulators.faults import DeviceFault, Fault
 from simulators.interfaces import Installation, Reply
 from simulators.plant.table import TableAxis
@@ -30,7 +30,6 @@ IDENTITY = "Acutronic R&D USA,Acutrol3000,0,A8800-001-01.000-a"
 """The manual's own example of an answer to *IDN? (TM-8004-C 3.4)."""
 
 _QUEUE_LENGTH = 32
-_LIMIT_MODES = ("POSITION", "RATE", "ARATE", "SYNTHESIS", "TRACK")
 _READS = {"POSITION": "P", "RATE": "R", "ACCELERATION": "A", "SHORTVECTOR": "PR", "VECTOR": "PRA"}
 _VARIABLES = {"082": "POSITION", "083": "RATE", "176": "ACCELERATION"}
 """System variables behind the digit of their axis (4.2.15)."""
@@ -217,7 +216,7 @@ class AcutrolEmulator:
             return ",".join(f"{value:.5f}" for value in self._one(command.arguments, 1).limit_values())
         if len(command.arguments) != 2:
             raise Refused(WRONG_PARAMETER_COUNT)
-        mode = one_of(_LIMIT_MODES, command.arguments[0])
+        mode = one_of(LIMITED_MODES, command.arguments[0])
         return f"{self._one(command.arguments[1:], 1).limit(name, mode):.5f}"
 
     def _set_limit(self, name: str, arguments: tuple[str, ...]) -> None:
@@ -227,7 +226,7 @@ class AcutrolEmulator:
         if len(arguments) != 3:
             raise Refused(WRONG_PARAMETER_COUNT)
         mode, axis, text = arguments
-        self._one((axis,), 1).set_limit(name, one_of(_LIMIT_MODES, mode), text)
+        self._one((axis,), 1).set_limit(name, one_of(LIMITED_MODES, mode), text)
 
     def _mode_command(self, command: Command, now_s: float) -> str | None:
         name, arguments = command.path[-1], command.arguments
@@ -240,9 +239,9 @@ class AcutrolEmulator:
             name, arguments = one_of(MODES, arguments[1]), arguments[:1] + arguments[2:]
         if name not in MODES:
             raise Refused(NOT_IMPLEMENTED)
+        if len(arguments) > 1 + (name == "TRACK"):
+            raise Refused(WRONG_PARAMETER_COUNT)
         for axis in self._several(arguments[:1], 1):
-            if len(arguments) > 1 + (name == "TRACK"):
-                raise Refused(WRONG_PARAMETER_COUNT)
             axis.change_mode(name, now_s, *arguments[1:])
         return None
 

@@ -156,25 +156,33 @@ class TableAxis:
             phases, _ = self._way(now_s, gap - stop, top, a)
             start = (angle, rate)
         phases, rate = _cut(phases, rate, hold_s, top)
-        self._plan(now_s, [*phases, (-math.copysign(a, rate), abs(rate) / a)], start=start)
+        if math.isinf(hold_s):
+            self._plan(now_s, phases, rate, start=start)
+        else:
+            self._plan(now_s, [*phases, (-math.copysign(a, rate), abs(rate) / a)], start=start)
 
-    def rest_s(self, now_s: float) -> float:
-        """Return when a swing that is demanded now begins: at once in a swing, else where the profile ends."""
-        if self._piece_at(now_s)[0].swing is not None:
-            return now_s
-        rests = (piece.start_s for piece in self._pieces if piece.swing is not None and piece.start_s > now_s)
-        return next(rests, max(now_s, self._starts[-1]))
+    def rest(self, now_s: float) -> tuple[float, float]:
+        """Return when a swing that is demanded now begins, and the angle it is about, turns counted.
+
+        That is at once in a swing, else where the profile ends.
+        """
+        centre = self._pieces[-1].angle
+        number = bisect_right(self._starts, now_s) - 1
+        if self._pieces[number].swing is not None:
+            return now_s, centre
+        ahead = (piece.start_s for piece in self._pieces[number + 1 :] if piece.swing is not None)
+        return next(ahead, max(now_s, self._starts[-1])), centre
 
     def demand_swing(self, now_s: float, swings: Sequence[tuple[float, Swing]]) -> None:
-        """Swing about where the profile ends, from `rest_s` on: each for its duration in s, the last for good.
+        """Swing about where the profile ends, as `rest` tells: each for its duration in s, the last for good.
 
         An axis that would turn on is to be brought to rest first; an axis that is not servoed ignores it.
         """
         if not self._on:
             return
-        start = self.rest_s(now_s)
+        start, centre = self.rest(now_s)
         piece, t = self._piece_at(start)
-        state, centre = piece.state(t, self._w)[:2], self._pieces[-1].angle
+        state = piece.state(t, self._w)[:2]
         keep = bisect_right(self._starts, start)
         del self._pieces[keep:], self._starts[keep:]
         for duration, swing in swings:
@@ -290,13 +298,18 @@ class TableAxis:
 
 
 def _cut(phases: _Phases, rate: float, hold_s: float, top: float) -> tuple[_Phases, float]:
-    """Return the phases up to `hold_s`, none beyond the rate `top`, and the rate they end with."""
+    """Return the phases up to `hold_s`, none beyond the rate `top`, and the rate they end with.
+
+    What would last for good at a steady rate is left out: a profile ends so.
+    """
     kept: _Phases = []
     for acceleration, duration in phases:
-        taken = min(duration, hold_s)
+        lasting = min(duration, hold_s)
+        hold_s -= 0.0 if math.isinf(hold_s) else lasting
         if acceleration:
-            taken = max(0.0, min(taken, (math.copysign(top, acceleration) - rate) / acceleration))
-        kept += [(acceleration, taken), (0.0, min(duration, hold_s) - taken)]
-        rate += acceleration * taken
-        hold_s -= min(duration, hold_s)
-    return kept, rate
+            steep = max(0.0, min(lasting, (math.copysign(top, acceleration) - rate) / acceleration))
+            kept.append((acceleration, steep))
+            rate += acceleration * steep
+            lasting -= steep
+        kept.append((0.0, lasting))
+    return [phase for phase in kept if math.isfinite(phase[1])], rate

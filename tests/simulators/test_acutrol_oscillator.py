@@ -131,6 +131,27 @@ def test_a_sine_stays_between_the_stops_of_a_limited_axis() -> None:
     assert table.amplitude(10.0, 10.0) == pytest.approx((20.0, served(5.0, 0.1)), rel=1e-4)
 
 
+def test_a_limited_axis_that_turned_swings_between_its_stops_where_it_came_to_rest() -> None:
+    table = Controller(-40.0, 25.0)
+    table.tell(":mode:rate 1;:dem:rate 1,10;:con:osc 1,disable,1000,1,pos,lin;:dem:osc 1,30,0.1,0")
+    table.tell(":mode:synt 1", 2.0)
+    rest = 10.0 * 2.0  # braking ends as far beyond as the run-up fell short
+    assert table.amplitude(10.0, 10.0) == pytest.approx((rest, served(25.0 - rest, 0.1)), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "change", [":con:osc 1,disable,1000,1,rate,lin", ":lim:acc synt,1,4200;:dem:osc 1,10,4,0"]
+)
+def test_a_sine_goes_on_without_a_step_when_its_state_or_its_limit_changes(change: str) -> None:
+    table = Controller()
+    table.tell(":con:osc 1,disable,1000,1,pos,lin;:lim:acc synt,1,1000;:dem:osc 1,10,4,0;:mode:synt 1")
+    before = [table.plant._reference(t)[0] for t in (2.9999, 3.0)]
+    table.tell(change, 3.0)
+    after = table.plant._reference(3.0001)[0]
+    # at most as far as the sine of 1.58 deg goes in 0.1 ms, and the slew of 1000 deg/s
+    assert abs(after - before[1]) < abs(before[1] - before[0]) + 0.1
+
+
 def test_an_axis_that_turns_stops_before_it_swings_and_ends_with_another_mode() -> None:
     table = Controller()
     table.tell(":mode:rate 1;:dem:rate 1,100;:dem:osc 1,5,1,0")

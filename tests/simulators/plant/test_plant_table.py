@@ -181,12 +181,12 @@ def test_ripple_is_periodic_in_angle_with_its_amplitude() -> None:
 def test_a_growing_swing_after_a_move_is_the_answer_of_the_servo() -> None:
     table = ready()
     table.demand_angle(0.0, 3.0)
-    rest = table.rest_s(0.1)
-    assert rest == pytest.approx(2.0 * math.sqrt(3.0 / A))
+    rest, centre = table.rest(0.1)
+    assert (rest, centre) == pytest.approx((2.0 * math.sqrt(3.0 / A), 3.0))
     table.demand_swing(
         0.1, [(1.5, Swing(0.0, 4.0, 2.0, 0.4)), (0.0, Swing(6.0, 0.0, 1.0, 0.4 + 6.0 * math.pi))]
     )
-    assert table.rest_s(0.1) == rest and table.rest_s(rest + 0.3) == rest + 0.3
+    assert table.rest(0.1) == (rest, centre) and table.rest(rest + 0.3) == (rest + 0.3, centre)
     follows_its_reference(table)
     # steady: |H| = 1 / (1 + (f/f0)^2) about the angle it was sent to, with a lag of 2 atan(f/f0)
     size, lag = 6.0 / (1.0 + 0.2**2), 2.0 * math.atan(0.2)
@@ -244,3 +244,5 @@ def test_states_without_an_end_are_held_up_to_the_rate_limit() -> None:
     table.demand_states(0.0, (0.0, 10.0, 5.0), math.inf, 30.0)
     assert table.rate_dps(2.0) == pytest.approx(10.0 + 5.0 * (2.0 - 2.0 / W), rel=1e-9)
     assert table.rate_dps(100.0) == pytest.approx(30.0)
+    table.demand_states(100.0, (table.total_angle_deg(100.0), 12.0, 0.0), math.inf)
+    assert table.rate_dps(1000.0) == pytest.approx(12.0) and table.settled(1000.0)
