@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import sys
 import types
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
+
+from benchmarks._outside_load import load
 
 Ask = Callable[[bytes], bytes]
 """Bytes to a device -> the bytes of its answer, empty if there is none."""
@@ -138,10 +139,6 @@ def vt4002(source: Path, ask: Ask) -> Any:
         return taken
 
     port = types.SimpleNamespace(write=lambda data: answers.append(ask(bytes(data))), readlines=lines)
-    spec = importlib.util.spec_from_file_location("vt4002", source / "VT4002.py")
-    if spec is None or spec.loader is None:
-        raise SystemExit(f"{source} has no VT4002.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = load("vt4002", source / "VT4002.py")
     vars(module)["serial"] = types.SimpleNamespace(Serial=lambda name, baud, timeout: port)
     return module

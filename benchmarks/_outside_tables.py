@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import struct
-import subprocess
 import sys
 import types
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks._outside_load import load, to_python_3
 from simulators.emulators.acutrol import AcutrolEmulator
 from simulators.emulators.ideal_atl import AtlEmulator
 from simulators.interfaces import Emulator
@@ -132,7 +131,7 @@ def ieav(source: Path) -> Any:
     kept = sys.modules.get("pyvisa")
     sys.modules["pyvisa"] = visa
     try:
-        module = _module("ieav_acutrol", source / "python/acutrol3000.py")
+        module = load("ieav_acutrol", source / "python/acutrol3000.py")
     finally:
         sys.modules.pop("pyvisa")
         if kept is not None:
@@ -146,9 +145,8 @@ def robotics(source: Path, folder: Path) -> Any:
     path = folder / "acutrol_robotics.py"
     path.write_text((source / "acutrol.py").read_text(encoding="utf-8"), encoding="utf-8")
     (folder / "ac117.json").write_bytes((source / "ac117.json").read_bytes())
-    convert = [sys.executable, "-W", "ignore", "-m", "lib2to3", "-w", "-n", str(path)]
-    subprocess.run(convert, check=True, capture_output=True)
-    module = _module("acutrol_robotics", path)
+    to_python_3(path)
+    module = load("acutrol_robotics", path)
     line = TableLine(AcutrolEmulator)
     answers: list[bytes] = []
     port = types.SimpleNamespace(
@@ -185,12 +183,3 @@ def actigraph(source: Path) -> Any:
     names = {"serial": types.SimpleNamespace(Serial=lambda name: port), "sleep": line.clock().sleep}
     exec(compile(text[begin:end], "RateSweepGUI.py", "exec"), names)
     return names["IdealAerosmithTable"]("COM1")
-
-
-def _module(name: str, path: Path) -> Any:
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
-        raise SystemExit(f"{path} cannot be loaded")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module

@@ -27,10 +27,8 @@ emulator and back; an exchange takes 1 s of lab time, one with a table 0.1 s.
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import math
 import shutil
-import subprocess
 import sys
 import tempfile
 import types
@@ -54,6 +52,7 @@ from benchmarks._outside_chambers import (
     vt4002,
 )
 from benchmarks._outside_decoders import MODBUS, Decoders, minimalmodbus_client
+from benchmarks._outside_load import load, to_python_3
 from benchmarks._outside_tables import ACTIGRAPH, IEAV, ROBOTICS, actigraph, ieav, robotics
 from simulators.emulators.cts import CtsEmulator
 from simulators.emulators.espec import EspecEmulator
@@ -230,8 +229,7 @@ def _chamber_connect(source: Path, folder: Path) -> Iterator[Row]:
     shutil.copytree(source / "chamberconnectlibrary", package)
     for path in package.glob("*.py"):
         path.write_text(path.read_text(encoding="utf-8-sig"), encoding="utf-8")
-    convert = [sys.executable, "-W", "ignore", "-m", "lib2to3", "-w", "-n", str(package)]
-    subprocess.run(convert, check=True, capture_output=True)
+    to_python_3(package)
     _bytes_are_numbers(package / "modbus.py")
     sys.path.insert(0, str(folder))
     modbus = importlib.import_module("chamberconnectlibrary.modbus")
@@ -294,11 +292,7 @@ def _basil(source: Path) -> Iterator[Row]:
     for name in ("basil", "basil.HL"):
         sys.modules[name] = types.ModuleType(name)
     sys.modules[base.__name__] = base
-    spec = importlib.util.spec_from_file_location("weiss_labevent", source / "basil/HL/weiss_labevent.py")
-    if spec is None or spec.loader is None:
-        raise SystemExit(f"{source} has no weiss_labevent")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = load("weiss_labevent", source / "basil/HL/weiss_labevent.py")
     client = object.__new__(module.weissLabEvent)
     line = Line(WeissEmulator)
 
