@@ -152,6 +152,57 @@ def test_a_sine_goes_on_without_a_step_when_its_state_or_its_limit_changes(chang
     assert abs(after - before[1]) < abs(before[1] - before[0]) + 0.1
 
 
+def size_of_reference(table: Controller, at_s: float, hertz: float) -> float:
+    """The amplitude of the plant's reference about a moment, by a fit of a sine and a middle over a period."""
+    times = at_s + np.linspace(-0.5, 0.5, 2001) / hertz
+    angles = np.array([table.plant._reference(t)[0] for t in times])
+    turn = 2.0 * math.pi * hertz * (times - at_s)
+    wave = np.column_stack(
+        [np.sin(turn), np.cos(turn), np.ones(len(turn)), turn * np.sin(turn), turn * np.cos(turn)]
+    )
+    (sine, cosine, *_), *_ = np.linalg.lstsq(wave, angles, rcond=None)
+    return math.hypot(sine, cosine)
+
+
+@pytest.mark.parametrize("state", ["pos", "rate", "accel"])
+def test_amplitude_and_frequency_slew_side_by_side(state: str) -> None:
+    table = Controller()
+    table.tell(f":con:osc 1,disable,2,0.05,{state},lin;:dem:osc 1,4,3,0;:mode:synt 1")
+    table.tell(":dem:osc 1,12,4,0", 10.0)
+    # 3 s later: 4 + 2 * 3 of its state at 3 + 0.05 * 3 Hz
+    hertz = 3.15
+    per_deg = (2.0 * math.pi * hertz) ** ["pos", "rate", "accel"].index(state)
+    assert size_of_reference(table, 13.0, hertz) == pytest.approx(10.0 / per_deg, rel=0.01)
+    assert table.bits(13.9) & AT_AMPLITUDE == 0 and table.bits(14.1) & AT_AMPLITUDE
+
+
+def test_a_sine_that_is_stopped_on_its_way_keeps_what_it_has_reached() -> None:
+    table = Controller()
+    table.tell(":con:osc 1,disable,2,0.5,pos,lin;:dem:osc 1,4,2,0;:mode:synt 1")
+    table.tell(":dem:osc 1,10,4,0", 6.0)
+    # a second later 6 deg and 2.5 Hz; from there to 6 deg at 2.5 Hz is no way at all
+    reached = [table.plant._reference(t)[0] for t in (6.999999, 7.0)]
+    table.tell(":dem:osc 1,6,2.5,0", 7.0)
+    assert table.plant._reference(7.0)[0] == pytest.approx(reached[1], abs=1e-9)
+    # its rate changes by that of the slew at most
+    assert abs(table.plant._reference(7.000001)[0] - 2.0 * reached[1] + reached[0]) <= 2.001e-6
+    assert size_of_reference(table, 7.3, 2.5) == pytest.approx(6.0, rel=1e-3)
+    assert table.bits(7.01) & (AT_AMPLITUDE | AT_FREQUENCY) == AT_AMPLITUDE | AT_FREQUENCY
+
+
+def test_synthesis_takes_over_the_sine_of_position_mode_and_begins_anew_from_others() -> None:
+    table = Controller()
+    table.tell(":con:osc 1,enable,1,1,pos,lin;:dem:osc 1,2,1,0;:mode:pos 1;:dem:pos 1,90")
+    table.tell(":mode:synt 1", 5.3)
+    assert size_of_reference(table, 6.0, 1.0) == pytest.approx(2.0, rel=1e-3)
+    before, after = (table.plant._reference(t)[0] for t in (5.299999, 5.300001))
+    assert abs(after - before) < 1e-4
+    table.tell(":mode:off 1", 8.0)
+    assert table.bits(8.0) & (AT_AMPLITUDE | AT_FREQUENCY) == 0
+    table.tell(":mode:synt 1", 12.0)  # 1 deg/s from nothing
+    assert size_of_reference(table, 12.8, 1.0) == pytest.approx(0.8, rel=0.02)
+
+
 def test_an_axis_that_turns_stops_before_it_swings_and_ends_with_another_mode() -> None:
     table = Controller()
     table.tell(":mode:rate 1;:dem:rate 1,100;:dem:osc 1,5,1,0")

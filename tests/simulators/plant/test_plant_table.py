@@ -246,3 +246,15 @@ def test_states_without_an_end_are_held_up_to_the_rate_limit() -> None:
     assert table.rate_dps(100.0) == pytest.approx(30.0)
     table.demand_states(100.0, (table.total_angle_deg(100.0), 12.0, 0.0), math.inf)
     assert table.rate_dps(1000.0) == pytest.approx(12.0) and table.settled(1000.0)
+
+
+def test_an_axis_that_stands_still_has_its_angle_twice() -> None:
+    table = ready()
+    times = np.linspace(5.0, 6.0, 100)
+    assert table.total_angles_deg(times).tolist() == [0.0, 0.0]
+    table.demand_angle(7.0, 1.0)
+    arrived, _ = table.rest(7.0)
+    assert len(table.total_angles_deg(arrived + times - 5.0)) == 100  # its transient is 40 / w long
+    assert table.total_angles_deg(arrived + 41.0 / W + times - 5.0) == pytest.approx([1.0, 1.0])
+    table.demand_rate(20.0, 1.0)
+    assert len(table.total_angles_deg(times + 25.0)) == 100
