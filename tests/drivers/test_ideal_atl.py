@@ -180,11 +180,13 @@ def test_a_sine_swings_about_where_the_table_stands_and_ends_after_its_cycles():
 
 
 def test_a_sine_keeps_to_rate_and_acceleration():
-    device = AtlEmulator(TableAxis(TableParameters(max_acceleration_dps2=8000.0)))
+    plant = TableAxis(TableParameters(max_acceleration_dps2=8000.0))
+    device = AtlEmulator(plant)
     asked(device, 0.0, b"SRV1", b"ACL8000", b"FRQ1")
     # 1000 deg/s at 1 Hz are 159.2 deg; 8000 deg/s2 would be 202.6
     assert asked(device, 0.0, b"AMP160", b"SGO") == ["", "?"]
     assert asked(device, 0.0, b"AMP159", b"SGO", b"PPO")[1:2] == [""]
+    assert np.ptp(plant.total_angles_deg(np.linspace(60.0, 61.0, 100))) > 300.0  # without CYC it does not end
     # 1000 deg/s2 at 2 Hz are 6.33 deg
     assert asked(device, 0.0, b"ACL1000", b"FRQ2", b"AMP6.4", b"SGO") == ["", "", "", "?"]
     assert asked(device, 0.0, b"AMP6.3", b"SGO", b"STO")[-2:] == ["", ""]

@@ -123,6 +123,8 @@ def test_a_limited_sine_slews_as_fast_as_any_until_it_is_limited() -> None:
     limit = 1000.0 / (8.0 * math.pi) ** 2  # 1.58 deg, reached after 1.58 s at 1 deg/s
     assert table.amplitude(0.9, 0.25)[1] == pytest.approx(served(1.025, 4.0), rel=0.1)
     assert table.amplitude(2.0, 0.25)[1] == pytest.approx(served(limit, 4.0), rel=1e-3)
+    # 1 deg at 4 Hz are 632 deg/s2; 1.7 deg are 1074, and 43 deg/s
+    assert [table.bits(t) & 0b111100 for t in (1.0, 1.7)] == [0, 1 << 2 | 1 << 3]
 
 
 def test_a_sine_stays_between_the_stops_of_a_limited_axis() -> None:

@@ -239,6 +239,13 @@ def test_states_far_away_are_travelled_to_within_the_limits(shortest: bool) -> N
     assert table.total_angle_deg(9.0) == pytest.approx(-60.0 if shortest else 300.0, abs=1e-6)
 
 
+def test_a_way_to_states_far_away_ends_with_their_hold() -> None:
+    table = ready()
+    table.demand_states(0.0, (120.0, 0.0, 0.0), 0.5, 50.0, 20.0)
+    # half a second at 20 deg/s2, and as long to brake
+    assert table.total_angle_deg(5.0) == pytest.approx(20.0 * 0.5**2, abs=1e-9)
+
+
 def test_states_without_an_end_are_held_up_to_the_rate_limit() -> None:
     table = ready()
     table.demand_states(0.0, (0.0, 10.0, 5.0), math.inf, 30.0)
