@@ -142,6 +142,9 @@ def gyrobench(
     """Run gyro test procedures on a bench of turntable, thermal chamber and gyros - real or emulated."""
 
 
+_STOPPED = 130
+
+
 def main() -> None:
     """Run the command line; an error of ours is one paragraph and exit code 2, an aborted run exit code 3."""
     # Workers too (joblib starts them by `python -m`) take no module from the folder they are started in.
@@ -159,9 +162,12 @@ def main() -> None:
             raise
         _complain(str(told))
         sys.exit(2)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemExit) as end:
+        # of a command that Ctrl-C stopped, Typer makes an exit without a word
+        if isinstance(end, SystemExit) and end.code != _STOPPED:
+            raise
         _complain("stopped by Ctrl-C")
-        sys.exit(130)
+        sys.exit(_STOPPED)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)

@@ -81,11 +81,7 @@ def rehearse(
     result = perform(console, chosen, parameters, load_bench_file(bench), runs, plant=emulated)
     log_bytes = sum(path.stat().st_size for path in result.folder.rglob("*") if path.is_file())
     wall_s = host_seconds() - started
-    record, page = Run.open(result.folder), None
-    if result.outcome != "aborted":
-        from bench.present.report import run_content, run_page, write_report
-
-        page = write_report(result.folder / "report.html", run_page(run_content(record, with_budgets=True)))
+    record = Run.open(result.folder)
     say_result(console, result, kind="result", bytes=log_bytes, wall_s=wall_s)
     plan = [
         (duration(phase.start_s), duration(phase.end_s - phase.start_s), phase.name)
@@ -96,7 +92,10 @@ def rehearse(
         f"{duration(result.duration_s)} of bench time in {wall_s:.1f} s "
         f"({result.duration_s / wall_s:,.0f} x); the run folder takes {size(log_bytes)}"
     )
-    if page is not None:
+    if result.outcome != "aborted":
+        from bench.present.report import run_content, run_page, write_report
+
+        page = write_report(result.folder / "report.html", run_page(run_content(record, with_budgets=True)))
         console.print(f"plots: {page}")
     sys.exit(EXIT_CODES[result.outcome])
 
