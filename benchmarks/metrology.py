@@ -45,6 +45,9 @@ STEPS = 5
 TEMPERATURES_C = (25.0, -40.0, 60.0)
 FULL_SCALE_DPS = 20.0
 MISALIGNMENT = "input-axis misalignment, component along the table"
+ACROSS = "input-axis misalignment, component across the table"
+ELEVATION = "input-axis elevation, unit in its fixture"
+ROLLS_DEG = (0.0, 180.0, 90.0, 270.0)
 HYSTERESIS = "scale-factor hysteresis, rising and falling"
 
 
@@ -63,6 +66,7 @@ class Faults:
     warm_up_s: float = 1.0
     dead_zone_dph: float = 0.0
     misalignment_deg: float = 0.0
+    across_deg: float = 0.0
     bias_dph_per_c: float = 0.0
     sf_ppm_per_c: float = 0.0
 
@@ -84,11 +88,11 @@ class Grade:
 
 GRADES = (
     Grade("MEMS", NoiseCoefficients(0.0, 0.2, 4.0, 0.0, 0.0), 1.0, 1800, 1200, 7200, 0.6, 600,
-          Faults(300.0, 150.0, 200.0, 60.0, 40.0, 30.0, 6.0, 150.0, 150.0, 20.0, 0.2, 3.0, 30.0)),
+          Faults(300.0, 150.0, 200.0, 60.0, 40.0, 30.0, 6.0, 150.0, 150.0, 20.0, 0.2, 0.2, 3.0, 30.0)),
     Grade("FOG", NoiseCoefficients(0.0, 0.004, 0.006, 0.0, 0.0), 1.0, 3600, 3600, 21600, 0.01, 900,
-          Faults(50.0, 20.0, 15.0, 6.0, 4.0, 0.05, 0.01, 0.5, 600.0, 0.1, 0.02, 1e-3, 1.0)),
+          Faults(50.0, 20.0, 15.0, 6.0, 4.0, 0.05, 0.01, 0.5, 600.0, 0.1, 0.02, 0.02, 1e-3, 1.0)),
     Grade("RLG", NoiseCoefficients(2.4e-5, 2e-4, 8e-4, 0.0, 0.0), 4.0, 7200, 3600, 43200, 0.002, 1800,
-          Faults(4.0, 1.5, 0.6, 0.3, 0.3, 0.004, 0.002, 0.02, 800.0, 0.02, 0.002, 2e-4, 0.08)),
+          Faults(4.0, 1.5, 0.6, 0.3, 0.3, 0.004, 0.002, 0.02, 800.0, 0.02, 0.002, 0.002, 2e-4, 0.08)),
 )  # fmt: skip
 PERFECT = Faults()
 _OF_BENCH = (
@@ -99,6 +103,7 @@ _OF_BENCH = (
     ("table_wobble_deg", 5e-4, "rectangular"),
     ("azimuth_deg", 0.01, "rectangular"),
     ("fixture_deg", 0.005, "rectangular"),
+    ("fixture_seat_deg", 0.001, "rectangular"),
     ("latitude_deg", 0.001, "rectangular"),
     ("unit_temp_c", 0.5, "normal"),
 )
@@ -133,6 +138,7 @@ class Unit:
     seed: int
     bench: Mapping[str, float] = field(default_factory=dict)
     rows: list[Interval] = field(default_factory=list)
+    rolls_deg: tuple[float, ...] = ROLLS_DEG
 
     def __post_init__(self) -> None:
         """Lay out the intervals of the plan one after the other, draw power-ons and noise."""
@@ -153,8 +159,14 @@ class Unit:
             for step in range(STEPS):
                 for sense in (0.0, 1.0, 0.0):
                     add(test, grade.step_s, step=step, input_dph=-sense * grade.step_dph * 2.0**step)
-        for sense in (1.0, -1.0):
-            add("misalignment", plan.dwell_s(FULL_SCALE_DPS), rate_dps=sense * FULL_SCALE_DPS)
+        for roll in self.rolls_deg:
+            for sense in (1.0, -1.0):
+                add(
+                    "misalignment",
+                    plan.dwell_s(FULL_SCALE_DPS),
+                    rate_dps=sense * FULL_SCALE_DPS,
+                    roll_deg=roll,
+                )
         for sequence in range(1, plan.sequences + 1):
             for rate in plan.rates():
                 add("scale_factor", plan.dwell_s(rate), rate_dps=rate, sequence=sequence)
@@ -171,7 +183,10 @@ class Unit:
             -(3**0.5), 3**0.5, (2, STEPS, 2)
         )
         parts = [errors.get(name, 0.0) for name in ("fixture_deg", "table_wobble_deg")]
-        self.across_deg = math.hypot(*parts, self.faults.misalignment_deg) * rng.standard_normal(2)
+        own = np.array([self.faults.misalignment_deg, self.faults.across_deg])
+        self.off_table_deg = own + math.hypot(*parts) * rng.standard_normal(2)
+        seats = errors.get("fixture_seat_deg", 0.0) * rng.uniform(-(3**0.5), 3**0.5, len(ROLLS_DEG))
+        self.seats_deg = dict(zip(ROLLS_DEG, seats.tolist(), strict=True))
         self.sequence_ppm = self.faults.sf_spread_ppm * rng.standard_normal(plan.sequences)
         q, n, b, k, r = (float(getattr(grade.noise, name)) for name in NOISE_NAMES)
         count = (
@@ -233,7 +248,7 @@ class Unit:
     def systematic_dph(self, interval: Interval) -> float:
         """Return the output without noise and warm-up."""
         f, rate = self.faults, interval.rate_dps or 0.0
-        lies = math.radians(f.misalignment_deg + self.error("fixture_deg"))
+        lies = math.radians(self.elevation_deg(interval.roll_deg or 0.0))
         if interval.test == "misalignment":
             return 3600.0 * rate * math.sin(lies)
         lies += math.radians(self.error("table_level_deg"))
@@ -251,6 +266,12 @@ class Unit:
         cycle = int(interval.cycle or 0) if interval.test == "bias" else 0
         colder = f.bias_dph_per_c * self.error("unit_temp_c")
         return earth_dph + f.bias_dph - colder + float(self.power_ons_dph[cycle])
+
+    def elevation_deg(self, roll_deg: float) -> float:
+        """Return how far the input axis is raised, the unit turned about it in its fixture."""
+        turned = math.radians(roll_deg)
+        of_unit = self.faults.misalignment_deg * math.cos(turned) + self.faults.across_deg * math.sin(turned)
+        return float(of_unit + self.error("fixture_deg") + self.seats_deg[roll_deg])
 
     def small_dph(self, interval: Interval) -> float:
         """Return what a unit with a dead zone gives of a small turn whose angles have errors."""
@@ -275,7 +296,7 @@ class Unit:
         share = rates / FULL_SCALE_DPS
         sense = np.sign(np.diff(rates, prepend=rates[0]))
         of_bench = f.sf_ppm_per_c * self.error("unit_temp_c") + 0.5e6 * np.sum(
-            np.radians(self.across_deg) ** 2
+            np.radians(self.off_table_deg) ** 2
         )
         ppm = (
             f.sf_ppm
@@ -323,6 +344,8 @@ def truth(unit: Unit, tolerance_dph: float) -> dict[str, float]:
         "threshold": f.dead_zone_dph,
         "resolution": f.dead_zone_dph,
         MISALIGNMENT: f.misalignment_deg,
+        ACROSS: f.across_deg,
+        ELEVATION: unit.elevation_deg(0.0),
         "scale factor": float(np.mean(slopes)),
         "scale-factor nonlinearity": float(full_ppm * np.abs(at_rate).max()),
         "scale-factor asymmetry": float(ppm * np.mean(sides)),
@@ -353,7 +376,7 @@ def drawn(grade: Grade, seed: int) -> Faults:
     """Return faults of the size of a grade: a tenth to all of it, of either sign where it has one."""
     rng = np.random.default_rng((seed, 9, zlib.crc32(grade.name.encode())))
     signed = {"sf_ppm", "cubic_ppm", "asymmetry_ppm", "hysteresis_ppm", "bias_dph", "warm_up_dph",
-              "misalignment_deg", "bias_dph_per_c", "sf_ppm_per_c"}  # fmt: skip
+              "misalignment_deg", "across_deg", "bias_dph_per_c", "sf_ppm_per_c"}  # fmt: skip
     values = {}
     for name in Faults.__dataclass_fields__:
         size = getattr(grade.faults, name) * rng.uniform(0.1, 1.0)
@@ -447,7 +470,7 @@ def rows() -> Iterator[Row]:
 
 
 ZERO_WHEN_PERFECT = (
-    "bias repeatability", "warm-up time to 3 s_100", "threshold", "resolution", MISALIGNMENT,
+    "bias repeatability", "warm-up time to 3 s_100", "threshold", "resolution", MISALIGNMENT, ACROSS,
     "scale-factor nonlinearity", "scale-factor asymmetry", "scale-factor repeatability", HYSTERESIS,
     "bias temperature sensitivity", "scale-factor temperature sensitivity",
 )  # fmt: skip

@@ -22,6 +22,8 @@ _STEPS = 5
 _RESOLUTION_DEG = 45.0
 """Angle from east at which resolution is tested: a large input that still changes with angle."""
 _SETTLE_S = 20.0
+_ROLLS_DEG = {"as_mounted": (0.0,), "reversed": (0.0, 180.0), "both": (0.0, 180.0, 90.0, 270.0)}
+"""Positions about the input axis for its misalignment, right-handed from how the unit is mounted first."""
 _EAST_BY_HAND = ("mems",)
 """Grades too noisy to find east by the Earth rate within the 2 deg that are accepted: it is what was mounted."""
 _ALWAYS = (
@@ -32,6 +34,7 @@ _ALWAYS = (
     "threshold",
     "resolution",
     "input-axis misalignment, component along the table",
+    "input-axis elevation, unit in its fixture",
     "scale factor",
     "scale-factor nonlinearity",
     "scale-factor asymmetry",
@@ -91,6 +94,11 @@ class StandardTestParameters(Parameters):
         le=20,
     )
     off_s: float = parameter(60.0, "time without power", "s", ge=5, le=7200)
+    misalignment: Literal["as_mounted", "reversed", "both"] = parameter(
+        "both",
+        "as_mounted: one position, the fixture's error in it; reversed: turned by 180 deg in the fixture as "
+        "well, free of it; both: four positions, both components",
+    )
     max_rate_dps: float = parameter(20.0, "largest rate of the scale-factor test", "deg/s", gt=0, le=1000)
     rates_per_sign: int = parameter(11, "rates of each sign", "", ge=2, le=50)
     sequences: int = parameter(2, "rate sequences, for the repeatability", "", ge=1, le=20)
@@ -164,9 +172,12 @@ def run(bench: Bench, p: StandardTestParameters) -> None:
         small_steps(bench, "resolution", east + _RESOLUTION_DEG, plan)
     with bench.step("5", "Misalignment of the input axis"):
         bench.phase("misalignment")
-        for sense in (1.0, -1.0):
-            _at_rate(bench, p, "misalignment", sense * p.max_rate_dps)
-        bench.table.stop()
+        for roll_deg in _ROLLS_DEG[p.misalignment]:
+            if roll_deg:
+                _turn_over(bench, roll_deg)
+            for sense in (1.0, -1.0):
+                _at_rate(bench, p, "misalignment", sense * p.max_rate_dps, roll_deg=roll_deg)
+            bench.table.stop()
 
     with bench.step("6", "Scale factor"):
         bench.phase("scale_factor")
@@ -220,6 +231,16 @@ def _mount(bench: Bench, mounting: str, how: str) -> None:
     )
 
 
+def _turn_over(bench: Bench, roll_deg: float) -> None:
+    bench.ask(
+        f"{bench.table.mounting_text}Turn the units in their fixture about their sensitive axes, to "
+        f"{roll_deg:g} deg from how they were mounted at first, clockwise seen along the axis. Ready?",
+        act="mount",
+        mounting="axis_horizontal",
+        roll_deg=roll_deg,
+    )
+
+
 def _at_rate(
     bench: Bench,
     p: StandardTestParameters,
@@ -251,7 +272,7 @@ def expected_duration_s(p: StandardTestParameters) -> float:
     total = 60.0 * (plan.warm_up_min + plan.bias_min) + 3600.0 * plan.noise_h + 4.0 * plan.step_dwell_s
     total += plan.power_cycles * (p.off_s + 60.0 * (plan.warm_up_min + plan.bias_min))
     total += 2 * _STEPS * 3 * (plan.step_dwell_s + _SETTLE_S + 10.0)
-    total += 2 * (p.dwell_s(p.max_rate_dps) + 30.0)
+    total += len(_ROLLS_DEG[p.misalignment]) * 2 * (p.dwell_s(p.max_rate_dps) + 30.0)
     total += p.sequences * sum(p.dwell_s(rate) + _SETTLE_S + 10.0 for rate in p.rates())
     if p.temperatures:
         ramps = 2.0 * (p.high_c - p.low_c) / p.ramp_k_per_min
@@ -272,6 +293,8 @@ def demands(p: StandardTestParameters) -> Demands:
 def figures(p: StandardTestParameters) -> set[str]:
     """Return the figures that such a run measures."""
     measured = set(_ALWAYS)
+    if p.misalignment == "both":
+        measured.add("input-axis misalignment, component across the table")
     if p.plan().power_cycles > 0:
         measured.add("bias repeatability")
     if p.sequences > 1:

@@ -79,8 +79,9 @@ class SerialFormat:
 class GyroInLab:
     """A gyro unit: its section of the bench file, and which physics it has.
 
-    `bearing`: what an INS turns in; None for the one its seed draws. `errors`: terms and noise of a fitted model
-    in place of the unit's own errors.
+    `lean_deg`: its input-axis misalignment towards the next axis and the last one, `mount_tilt_deg` that of its
+    fixture upwards. `bearing`: what an INS turns in; None for the one its seed draws. `errors`: terms and noise
+    of a fitted model in place of the unit's own errors.
     """
 
     config: GyroConfig
@@ -88,6 +89,8 @@ class GyroInLab:
     unit_seed: int
     mounting: Mounting | None = None
     mount_azimuth_error_deg: float = 0.0
+    mount_tilt_deg: float = 0.0
+    lean_deg: tuple[float, float] = (0.0, 0.0)
     clock_error_ppm: float = 0.0
     bearing: Bearing | None = None
     errors: dict[str, Any] | None = None

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import cos, inf, radians, sin
+from math import cos, inf, isfinite, radians, sin
 from typing import Any, get_args
 
 import numpy as np
@@ -57,9 +57,26 @@ class Mountings:
     _level: dict[str, Array] = field(default_factory=dict)
 
     def require_known(self, act: Mapping[str, Any]) -> None:
-        """Raise ConfigurationError for a `mount` act without a mounting that there is: nobody is asked that."""
-        mounting = act.get("mounting")
-        if act.get("act") != "mount" or "attitude" in act or mounting in get_args(Mounting):
+        """Raise ConfigurationError for a `mount` act without a mounting that there is: nobody is asked that.
+
+        Likewise for a `roll_deg` that is no number, or with a mounting that does not tell where the axis under
+        test is.
+        """
+        mounting, roll_deg = act.get("mounting"), act.get("roll_deg", 0.0)
+        if act.get("act") != "mount" or "attitude" in act:
+            return
+        if mounting in get_args(Mounting):
+            if (
+                not isinstance(roll_deg, int | float)
+                or not isfinite(roll_deg)
+                or (roll_deg and mounting == "z_up")
+            ):
+                raise ConfigurationError(
+                    "a unit cannot be turned so about its axis under test",
+                    where='bench.ask(..., act="mount")',
+                    found=f"mounting={mounting!r}, roll_deg={roll_deg!r}",
+                    expected="a number of degrees, with axis_horizontal or axis_up",
+                )
             return
         raise ConfigurationError(
             "there is no such mounting"

@@ -11,7 +11,9 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
 from bench.record.events import Role
-from bench.record.events.run import Answer
+from bench.record.events.run import BEFOREHAND, Answer
+
+_EMULATED = "emulated operator"
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ class Operator(Protocol):
 class AssumeYes:
     """Answers every question beforehand, for unattended runs on a prepared bench."""
 
-    def __init__(self, answer: str = "yes", by: str = "answered beforehand") -> None:
+    def __init__(self, answer: str = "yes", by: str = BEFOREHAND) -> None:
         self._reply = Reply(answer, by)
 
     def ask(self, question: Question) -> Callable[[], Reply | None]:
@@ -79,6 +81,8 @@ class Assisted:
             reply = answered()
             if reply is not None and question.act:
                 self._perform(dict(question.act))
+                if reply.by == BEFOREHAND:  # now somebody did it
+                    return reply._replace(by=_EMULATED)
             return reply
 
         return answer
@@ -88,7 +92,7 @@ class EmulatedOperator(Assisted):
     """Does every act in the emulated lab, and says so."""
 
     def __init__(self, perform: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
-        super().__init__(AssumeYes("done", "emulated operator"), perform)
+        super().__init__(AssumeYes("done", _EMULATED), perform)
 
 
 class Prepared:

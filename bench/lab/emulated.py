@@ -43,6 +43,13 @@ class Plant(BaseModel):
     models: dict[str, str] = Field(default_factory=dict)
     """Unit id -> model name (fog_mid, fog_nav, mems, ins_triad, rlg, imu, imu_full)."""
     mount_azimuth_error_deg: float = Field(default=0.3, ge=-5, le=5)
+    mount_tilt_deg: float = Field(default=0.0, ge=-5, le=5)
+    """How far the fixture raises a level axis under test above the horizon."""
+    lean_deg: dict[str, tuple[Annotated[float, Field(ge=-5, le=5)], Annotated[float, Field(ge=-5, le=5)]]] = (
+        Field(default_factory=dict)
+    )
+    """Gyro name -> input-axis misalignment: angles by which the axis under test (x) leans towards the next one
+    (y) and towards the last one (z). An IMU has errors of its own."""
     mounting: dict[str, Mounting] = Field(default_factory=dict)
     """Gyro name -> how it lies at first: axis_horizontal (not named, unless an imu: z_up), axis_up or z_up."""
     heading_effect_dph: float = Field(default=1e-3, ge=0, le=1)
@@ -297,6 +304,8 @@ def lab_config(
                 unit_seed=unit_seed(gyro.unit),
                 mounting=plant.mounting.get(gyro.name),
                 mount_azimuth_error_deg=plant.mount_azimuth_error_deg,
+                mount_tilt_deg=plant.mount_tilt_deg,
+                lean_deg=plant.lean_deg.get(gyro.name, (0.0, 0.0)),
                 clock_error_ppm=plant.sample_clock_error_ppm(gyro),
                 bearing=plant.bearing.get(gyro.unit),
                 errors=plant.errors_of(gyro.unit),

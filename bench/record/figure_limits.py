@@ -37,6 +37,8 @@ FURTHER: Mapping[str, str] = {
     "resolution": "deg/h",
     "warm-up time to 3 s_100": "s",
     "input-axis misalignment, component along the table": "deg",
+    "input-axis misalignment, component across the table": "deg",
+    "input-axis elevation, unit in its fixture": "deg",
     "scale-factor hysteresis, rising and falling": "ppm",
     "scale-factor repeatability between runs": "ppm",
     "quantisation": "deg",

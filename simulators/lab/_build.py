@@ -160,6 +160,8 @@ def plant_config(config: LabConfig) -> PlantConfig:
                 axis=gyro.config.axis,
                 mounting=gyro.mounting,
                 mount_azimuth_error_deg=gyro.mount_azimuth_error_deg,
+                tilt_deg=gyro.mount_tilt_deg,
+                lean_deg=gyro.lean_deg,
                 aux_sensor=gyro.config.case_sensor or 0,
                 wobble=None if gyro.bearing is None else _wobble(gyro.bearing),
                 errors=None if gyro.errors is None else ModelledErrors.from_json(gyro.errors),
@@ -231,7 +233,7 @@ def _acts(plant: LabPlant, lab: Lab, chamber: Emulator) -> dict[str, Act]:
             if "attitude" in request:
                 plant.mount_at(unit, request["attitude"])
             else:
-                plant.mount(unit, request["mounting"])
+                plant.mount(unit, request["mounting"], float(request.get("roll_deg", 0.0)))
         return {}
 
     def truth(request: dict[str, Any]) -> dict[str, Any]:

@@ -152,9 +152,10 @@ class ImuUnit:
         """Mount it so that with all axes at 0 its attitude C (3, 3) is the given one, as well as hands can."""
         self._mounts.append((now_s, self._askew @ np.asarray(attitude, dtype=np.float64)))
 
-    def mount(self, now_s: float, mounting: Mounting) -> None:
+    def mount(self, now_s: float, mounting: Mounting, roll_deg: float = 0.0) -> None:
         """Mount it as a test of one axis asks for, told with all axes at 0."""
-        self.mount_at(now_s, NORTH_WEST_UP @ Mount(mounting, axis=self._axis).axes_in_table().T)
+        mount = Mount(mounting, axis=self._axis, roll_deg=roll_deg)
+        self.mount_at(now_s, NORTH_WEST_UP @ mount.axes_in_table().T)
 
     def case_reading_c(self, now_s: float) -> float:
         """Return the temperature of its case, held from the last tick."""

@@ -45,7 +45,8 @@ _WALK = 61
 class UnitConfig:
     """A unit under test. Unit seed 0 of a FOG grade is the nominal unit; `change` is made to every model of it.
 
-    `axis`: the one under test, which a mounting speaks of. `aux_sensor`: number of the chamber's auxiliary sensor
+    `axis`: the one under test, which a mounting speaks of. `tilt_deg` is the fixture's, `lean_deg` the unit's own
+    (see `simulators.plant.mounting.Mount`). `aux_sensor`: number of the chamber's auxiliary sensor
     glued to its case, 0 for none. `mounting` None: its axis horizontal, an IMU z up.
     `wobble`: the bearing that an `ins_triad` turns in, None for the nominal one of
     its seed; other units turn in a perfect one. `errors`: those of a fitted model instead of the unit's own; the
@@ -59,6 +60,7 @@ class UnitConfig:
     mounting: Mounting | None = None
     mount_azimuth_error_deg: float = 0.0
     tilt_deg: float = 0.0
+    lean_deg: tuple[float, float] = (0.0, 0.0)
     aux_sensor: int = 0
     change: Callable[[UnitModel], UnitModel] | None = None
     wobble: Wobble | None = None
@@ -154,11 +156,11 @@ class LabPlant:
         while self._ticks < last:
             self._tick()
 
-    def mount(self, unit_name: str, mounting: Mounting) -> None:
+    def mount(self, unit_name: str, mounting: Mounting, roll_deg: float = 0.0) -> None:
         """Put a unit on its bracket another way, now (the emulated operator does it)."""
         if mounting not in MOUNTINGS:
             raise ConfigurationError("no such mounting", found=str(mounting), expected=" or ".join(MOUNTINGS))
-        self.unit(unit_name).mount(self.now_s, mounting)
+        self.unit(unit_name).mount(self.now_s, mounting, roll_deg)
 
     def switch(self, unit_name: str, on: bool, at_s: float) -> None:
         """Switch a unit's power at a time from now on. An IMU's errors stay."""
@@ -238,7 +240,9 @@ class LabPlant:
                 expected="another model, or a bench file without [[table.axes]]",
             )
         lying = config.mounting or "axis_horizontal"
-        mount = Mount(lying, config.mount_azimuth_error_deg, config.tilt_deg, config.axis)
+        mount = Mount(
+            lying, config.mount_azimuth_error_deg, config.tilt_deg, config.axis, 0.0, config.lean_deg
+        )
         whirling = config.model == "ins_triad"
         if whirling:
             mount = replace(mount, mounting="z_up")

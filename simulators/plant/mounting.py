@@ -20,6 +20,7 @@ import numpy as np
 
 from drivers.base.arrays import Array
 from drivers.base.constants import ARCSEC_RAD, earth_rate_north_dph, earth_rate_up_dph
+from drivers.base.errors import ConfigurationError
 from drivers.kit.config import Mounting
 
 MOUNTINGS: tuple[Mounting, ...] = get_args(Mounting)
@@ -35,22 +36,48 @@ class Mount:
     along the first and the last one along the second. "z_up" lays x along the first table axis and z up,
     whichever axis is under test. Tilt raises a level axis above the horizon, and tips an upward one towards the
     first table axis.
+
+    `roll_deg` turns the unit in its fixture, right-handed about the axis under test: azimuth error and tilt are
+    the fixture's and stay. `lean_deg` is the unit's own and turns with it: angles by which what it senses as that
+    axis lies towards the next one and towards the last one (IEEE Std 952, input-axis misalignment).
+    ConfigurationError for a roll with "z_up", whose axis under test is not told.
     """
 
     mounting: Mounting
     azimuth_error_deg: float = 0.0
     tilt_deg: float = 0.0
     axis: str = "x"
+    roll_deg: float = 0.0
+    lean_deg: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if self.mounting == "z_up" and self.roll_deg:
+            raise ConfigurationError(
+                "a unit with z up is not turned about its axis under test",
+                where="mounting",
+                found=f"roll_deg = {self.roll_deg:g}",
+                expected="axis_horizontal or axis_up, or no roll_deg",
+            )
 
     def axes_in_table(self) -> Array:
-        """Return the axes x, y, z as rows in the table frame, float64 (3, 3)."""
+        """Return what is sensed as x, y, z as unit rows in the table frame, float64 (3, 3)."""
         sin, cos = math.sin(math.radians(self.tilt_deg)), math.cos(math.radians(self.tilt_deg))
         if self.mounting == "axis_up":
             rows = [[sin, 0.0, cos], [cos, 0.0, -sin], [0.0, 1.0, 0.0]]
         else:
             rows = [[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]]
-        under_test = _AXES.index(self.axis)
-        return np.roll(np.array(rows), 0 if self.mounting == "z_up" else under_test, axis=0)
+        # what is not turned and does not lean keeps its bits
+        body = np.array(rows)
+        if self.roll_deg:
+            roll = math.radians(self.roll_deg)
+            turn = np.array([[math.cos(roll), math.sin(roll)], [-math.sin(roll), math.cos(roll)]])
+            body[1:] = turn @ body[1:]
+        if any(self.lean_deg):
+            to_next, to_last = (math.sin(math.radians(angle)) for angle in self.lean_deg)
+            body[0] = (
+                math.sqrt(1.0 - to_next**2 - to_last**2) * body[0] + to_next * body[1] + to_last * body[2]
+            )
+        return np.roll(body, 0 if self.mounting == "z_up" else _AXES.index(self.axis), axis=0)
 
 
 def turned_rad(axes_in_table: Array, scale_angles_deg: Array, latitude_deg: float, period_s: float) -> Array:

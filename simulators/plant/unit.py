@@ -135,10 +135,10 @@ class GyroUnit:
         self._input[:states] = self._output[:states]
         self._keep(self._output[states:].tolist(), air_temp_c)
 
-    def mount(self, now_s: float, mounting: Mounting) -> None:
+    def mount(self, now_s: float, mounting: Mounting, roll_deg: float = 0.0) -> None:
         """Turn the unit on its bracket at `now_s`; its mounting errors stay."""
         last = self._mounts[-1][1]
-        mount = replace(last, mounting=mounting)
+        mount = replace(last, mounting=mounting, roll_deg=roll_deg)
         self._mounts.append((now_s, mount, mount.axes_in_table()))
 
     def switch(self, at_s: float, model: UnitModel | None) -> None:

@@ -141,13 +141,13 @@ class WhirlingUnit(GyroUnit):
         self._earth = _earth_in_body(mount, latitude_deg)
         self._slack = 0.0
 
-    def mount(self, now_s: float, mounting: Mounting) -> None:
+    def mount(self, now_s: float, mounting: Mounting, roll_deg: float = 0.0) -> None:
         """Refuse, as an INS on its mechanism is not turned on a bracket, any mounting but z up."""
         if mounting != "z_up":
             raise ConfigurationError(
                 "a unit in a wobbling bearing stays z up", found=mounting, expected="z_up"
             )
-        super().mount(now_s, mounting)
+        super().mount(now_s, mounting, roll_deg)
 
     def _turned(self, edges_s: Array, middle_s: Array, period_s: float) -> Array:
         """Return the true angle each axis turned through in each interval, rad, float64 (3, n)."""

@@ -79,6 +79,16 @@ def test_a_mounting_that_there_is_not_is_refused() -> None:
         mountings("x", "up").tell({"act": "mount"})
 
 
+def test_a_unit_is_turned_about_its_axis_by_a_number_of_degrees() -> None:
+    """It is along the rotation as much as before."""
+    level = mountings("x", "up")
+    level.tell({"act": "mount", "mounting": "axis_horizontal", "roll_deg": 270.0})
+    assert level.part_along("g", "axis1", {"axis1": 77.0}.__getitem__) == pytest.approx(0.0)
+    for wrong in ({"roll_deg": "over"}, {"roll_deg": math.nan}, {"roll_deg": 90.0, "mounting": "z_up"}):
+        with pytest.raises(ConfigurationError, match="turned so about its axis"):
+            level.require_known({"act": "mount", "mounting": "axis_up"} | wrong)
+
+
 @pytest.mark.parametrize("act", [{}, {"mounting": "sideways"}])
 def test_nobody_is_asked_for_a_mounting_that_there_is_not(tmp_path: Path, act: dict[str, str]) -> None:
     def run(bench: Bench, p: Parameters) -> None:

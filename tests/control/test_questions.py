@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from bench.control.questions import AssumeYes, Console, EmulatedOperator, Question, Reply
+from bench.control.questions import Assisted, AssumeYes, Console, EmulatedOperator, Question, Reply
 from drivers.base.errors import BenchError
 
 pytestmark = pytest.mark.concurrent
@@ -22,6 +22,13 @@ def test_the_emulated_operator_does_the_act_and_answers_done():
     assert operator.ask(Question("Mount", {"act": "mount", "mounting": "axis_up"}))() == DONE
     assert operator.ask(Question("Just look"))() == DONE
     assert acts == [{"act": "mount", "mounting": "axis_up"}]
+
+
+def test_what_an_emulated_lab_does_by_itself_is_not_answered_beforehand():
+    """`--yes` on an emulated lab: the act is done, so somebody did it; a mere question nobody has looked at."""
+    operator = Assisted(AssumeYes(), lambda act: {})
+    assert operator.ask(Question("Mount", {"act": "mount"}))() == Reply("yes", "emulated operator")
+    assert operator.ask(Question("Just look"))() == Reply("yes", "answered beforehand")
 
 
 def test_an_emulated_operator_that_fails_says_so():

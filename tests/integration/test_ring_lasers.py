@@ -65,6 +65,7 @@ def record(
     seed: int,
     settings: dict[str, str],
     display=None,
+    **plant,
 ) -> Path:
     """Run a procedure on an emulated lab of so many ring lasers and return its folder, truth beside it."""
     path = home / f"{gyros}.toml"
@@ -74,7 +75,7 @@ def record(
         procedure,
         procedure.parse(settings),
         load_bench_file(path),
-        Plant(seed=seed),
+        Plant(seed=seed, **plant),
         home,
         display,
         run_id=f"{name}-{seed}",
@@ -170,8 +171,14 @@ STANDARD = {
 
 def test_a_ring_laser_through_the_test_plan_of_the_standards(bench: SimpleNamespace, tmp_path: Path) -> None:
     shown: list[Progress] = []
-    folder = record(bench, tmp_path, "standard-test", 1, 5, STANDARD, shown.append)
+    skew = {"mount_tilt_deg": 0.2, "lean_deg": {"rlg_1": (-0.05, 0.03)}}
+    folder = record(bench, tmp_path, "standard-test", 1, 5, STANDARD, shown.append, **skew)
     figures = standard_figures(folder)
+    # turned over in its fixture the unit shows what is its own; a milliradian of 0.2 deg is 0.0002 deg
+    for way, true in (("along", 0.03), ("across", -0.05)):
+        name = f"input-axis misalignment, component {way} the table"
+        assert figures.value(name) == pytest.approx(true, abs=2e-3)
+    assert figures.value("input-axis elevation, unit in its fixture") == pytest.approx(0.23, abs=2e-3)
     assert [what for what, _ in figures.missing] == ["temperature sensitivity"]
     assert figures.unit_id == "RLG-001"
     unit = rlg_coefficients(unit_seed("RLG-001"), 5)

@@ -17,6 +17,7 @@ ASSUMED: Mapping[str, float] = {
     "table_wobble_deg": 0.003,
     "azimuth_deg": 2.0,
     "fixture_deg": 0.05,
+    "fixture_seat_deg": 0.005,
     "latitude_deg": 0.01,
     "unit_temp_c": 1.0,
     "air_temp_c": 0.5,
@@ -24,7 +25,8 @@ ASSUMED: Mapping[str, float] = {
 }
 """Half widths of a rectangular distribution that a bench without a certificate is taken to have: a free quartz, a
 servo rate table with its encoder (10 arcsec), a spirit level, the axis set to east by hand, a milled fixture, a
-platinum resistor of class B at -40 degC (IEC 60751), normal gravity of the latitude (anomalies of 100 mGal)."""
+seat that takes a unit again within 20 arcsec, a platinum resistor of class B at -40 degC (IEC 60751), normal
+gravity of the latitude (anomalies of 100 mGal)."""
 ASSUMED_ORIGIN = "assumed"
 EAST_ORIGIN = "Earth rate"
 _UNITS = {"c": "degC", "mps2": "m/s2"}

@@ -17,7 +17,13 @@ from scipy.stats import t as student
 from bench.analysis.common.bench_errors import ASSUMED_ORIGIN, BenchErrors
 from bench.analysis.common.uncertainty import COVERAGE, Budget, Contribution
 from bench.analysis.figures._estimate import TWO_SIDED
-from bench.analysis.figures._parts import Figure
+from bench.analysis.figures._parts import (
+    ELEVATION,
+    MISALIGNMENT_ACROSS,
+    MISALIGNMENT_ALONG,
+    Figure,
+    turned_over,
+)
 from bench.analysis.figures._record import Measured
 from drivers.base.constants import EARTH_RATE_DPH, earth_rate_north_dph, earth_rate_up_dph
 
@@ -25,7 +31,6 @@ _RAD = math.pi / 180.0
 _PPM = 1e-6
 _TIME_POWER = {"angle random walk": 0.5, "quantisation": 1.0, "rate random walk": -0.5, "rate ramp": -1.0}
 """With which power of the averaging time a coefficient of given Allan deviation grows (IEEE Std 952, annex C)."""
-_MISALIGNMENT = "input-axis misalignment, component along the table"
 
 
 def with_budgets(figures: Sequence[Figure], record: Measured, bench: BenchErrors) -> list[Figure]:
@@ -86,7 +91,7 @@ def _of_bench(
     }
     if name == "bias":
         azimuth = record.azimuth_deg(record.needed("bias")[0]) * _RAD
-        lies, sine = by_name.get(_MISALIGNMENT), 0.0
+        lies, sine = by_name.get(ELEVATION), 0.0
         if lies is None:
             yield bench.of("fixture_deg", -up * _RAD)
         else:
@@ -102,12 +107,17 @@ def _of_bench(
     elif name == "scale factor":
         yield bench.of("time_base_ppm", -value * _PPM)
         yield bench.of("table_rate_ppm", value * _PPM)
-        yield _cosine(by_name.get(_MISALIGNMENT), bench, value)
+        yield _cosine(by_name, bench, value)
         if "scale-factor" in per_degree:
             yield bench.of("unit_temp_c", value * _PPM * per_degree["scale-factor"], signed=False)
-    elif name == _MISALIGNMENT:
+    elif name in (ELEVATION, MISALIGNMENT_ALONG, MISALIGNMENT_ACROSS):
         slope = math.tan(value * _RAD) / _RAD * _PPM
-        yield bench.of("fixture_deg", -1.0)
+        if name != ELEVATION and 180.0 in turned_over(
+            record.intervals("misalignment")
+        ):  # half the difference of two seats in the same fixture
+            yield bench.of("fixture_seat_deg", 0.5, difference=True)
+        elif name != ELEVATION:
+            yield bench.of("fixture_deg", -1.0)
         yield bench.of("time_base_ppm", -slope)
         yield bench.of("table_rate_ppm", slope)
     elif name in ("threshold", "resolution"):
@@ -128,14 +138,23 @@ def _of_bench(
         yield bench.of("time_base_ppm", -value * _PPM)
 
 
-def _cosine(lies: Figure | None, bench: BenchErrors, scale_factor: float) -> Contribution:
+def _cosine(by_name: Mapping[str, Figure], bench: BenchErrors, scale_factor: float) -> Contribution:
     """Return what the angle between input axis and table takes off the scale factor, 1 - cos, in ppm.
 
-    Both components of the angle are taken to have the size that one was measured or assumed with: half the sum
-    of their squares is then exponential, its mean its standard deviation.
+    Half the sum of the squares of its two components m + d: m the unit's misalignment, d what fixture and table
+    add, normal with standard deviation s. Its mean is |m|^2 / 2 + s^2, its variance |m|^2 s^2 + s^4; without m it
+    is exponential. A component that was not measured is taken for a draw of the size of the one that was.
     """
     parts = [bench.of(name, 1.0).standard for name in ("fixture_deg", "table_wobble_deg")]
-    size = math.hypot(*parts, 0.0 if lies is None else lies.value) * _RAD
-    ppm = size**2 / _PPM
-    return Contribution("axis_cosine_ppm", ppm, scale_factor * _PPM, "ppm", ppm, distribution="exponential",
-                        origin="misalignment test" if lies else ASSUMED_ORIGIN)  # fmt: skip
+    along, across = by_name.get(MISALIGNMENT_ALONG), by_name.get(MISALIGNMENT_ACROSS)
+    known, shape = 0.0, "exponential"
+    if along is not None and across is not None:
+        known = math.hypot(along.value, across.value) * _RAD
+    elif along is not None:
+        parts.append(along.value)
+    size = math.hypot(*parts) * _RAD
+    if known > size:
+        shape = "normal"
+    ppm, standard = (0.5 * known**2 + size**2) / _PPM, size * math.hypot(known, size) / _PPM
+    return Contribution("axis_cosine_ppm", standard, scale_factor * _PPM, "ppm", ppm, distribution=shape,
+                        origin="misalignment test" if along else ASSUMED_ORIGIN)  # fmt: skip

@@ -42,6 +42,9 @@ from drivers.base.arrays import Array
 from drivers.base.constants import DPH_PER_DPS, earth_rate_north_dph, earth_rate_up_dph
 from drivers.base.errors import ConfigurationError
 
+MISALIGNMENT_ALONG = "input-axis misalignment, component along the table"
+MISALIGNMENT_ACROSS = "input-axis misalignment, component across the table"
+ELEVATION = "input-axis elevation, unit in its fixture"
 _STANDARDS = "IEEE Std 952; GJB 2426A"
 
 
@@ -197,18 +200,61 @@ def _small_rates(test: str, record: Measured, noise: NoiseCoefficients | None) -
     return [Figure.of(test, found, "deg/h", source)]
 
 
+def turned_over(intervals: Sequence[Interval]) -> dict[float, list[int]]:
+    """Return which intervals of the misalignment test are at which turn about the axis under test, in deg.
+
+    Turns without both senses of rotation, as a stopped run has, are left out.
+    """
+    found: dict[float, list[int]] = {}
+    for number, row in enumerate(intervals):
+        found.setdefault((row.roll_deg or 0.0) % 360.0, []).append(number)
+    return {
+        roll_deg: there
+        for roll_deg, there in found.items()
+        if len({intervals[number].rate_dps for number in there}) > 1
+    }
+
+
 def _misalignment(record: Measured, noise: NoiseCoefficients | None) -> list[Figure]:
+    """Elevation of the input axis as first mounted, and its misalignment.
+
+    The slope of the output over the two senses of rotation is the sine of the elevation: bias and the mean of the
+    turning Earth rate drop out. Turned by 180 deg about the axis under test the unit's part of it changes its
+    sign and the fixture's does not: half the difference is the unit's alone. With 90 and 270 deg it is the
+    component that lay across the table at first.
+    """
     intervals = record.needed("misalignment")
     rates = np.array([record.true_rate_dps(row) for row in intervals])
     outputs = np.array([record.mean_dps(row) for row in intervals])
-    # The slope over the two senses: bias and the mean of the turning Earth rate drop out.
-    weights = slope_weights(rates)
-    sine = linear(float(weights @ outputs), _errors(intervals, noise) @ weights / DPH_PER_DPS)
-    value, low, high = (
-        math.degrees(math.asin(max(-1.0, min(1.0, end)))) for end in (sine.value, sine.low, sine.high)
-    )
-    angle = Estimate(value, low, high, sine.seen)
-    return [Figure.of("input-axis misalignment, component along the table", angle, "deg", "IEEE Std 952")]
+    errors = _errors(intervals, noise) / DPH_PER_DPS
+    slopes = {}
+    for roll_deg, there in turned_over(intervals).items():
+        slopes[roll_deg] = np.zeros(len(rates))
+        slopes[roll_deg][there] = slope_weights(rates[there])
+    if 0.0 not in slopes:
+        raise ConfigurationError(
+            "the table turned to one side only",
+            where="misalignment test",
+            found=", ".join(f"{row.rate_dps} deg/s" for row in intervals),
+            expected="both senses of rotation",
+        )
+
+    def angle(name: str, weights: Array, source: str) -> Figure:
+        sine = linear(float(weights @ outputs), errors @ weights)
+        value, low, high = (
+            math.degrees(math.asin(max(-1.0, min(1.0, end)))) for end in (sine.value, sine.low, sine.high)
+        )
+        return Figure.of(name, Estimate(value, low, high, sine.seen), "deg", source)
+
+    source = "IEEE Std 952; fixture included"
+    found = [angle(ELEVATION, slopes[0.0], source)]
+    if 180.0 not in slopes:
+        return [angle(MISALIGNMENT_ALONG, slopes[0.0], source), *found]
+    source = f"IEEE Std 952; turned about the axis in {len(slopes)} positions"
+    for name, first, turned in ((MISALIGNMENT_ALONG, 0.0, 180.0), (MISALIGNMENT_ACROSS, 90.0, 270.0)):
+        if first in slopes and turned in slopes:
+            found.append(angle(name, 0.5 * (slopes[first] - slopes[turned]), source))
+    return found
 
 
 def _scale_factor(record: Measured, noise: NoiseCoefficients | None) -> list[Figure]:

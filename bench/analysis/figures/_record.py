@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.record.events.run import Interval
+from bench.record.events.run import BEFOREHAND, Answer, Interval
 from bench.record.recording import Run, row_means, seconds
 from drivers.base.arrays import Array
 from drivers.base.constants import DPH_PER_DPS
@@ -70,7 +70,11 @@ class Record:
         return self.run.manifest.latitude_deg
 
     def intervals(self, test: str) -> list[Interval]:
-        return [interval for _, interval in self.run.of(Interval) if interval.test == test]
+        """Return the intervals of a test; without those at a turn in the fixture that nobody made."""
+        answers = [answer for _, answer in self.run.of(Answer) if answer.by == BEFOREHAND]
+        not_made = {answer.details.get("roll_deg") for answer in answers} - {None}
+        of_test = [interval for _, interval in self.run.of(Interval) if interval.test == test]
+        return [interval for interval in of_test if interval.roll_deg not in not_made]
 
     def needed(self, test: str) -> list[Interval]:
         if intervals := self.intervals(test):

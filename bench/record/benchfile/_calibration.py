@@ -19,6 +19,7 @@ Quantity = Literal[
     "table_wobble_deg",
     "azimuth_deg",
     "fixture_deg",
+    "fixture_seat_deg",
     "latitude_deg",
     "unit_temp_c",
     "air_temp_c",

@@ -40,10 +40,15 @@ class Prompt(Event, kind="prompt"):
     picture: str | None = None
 
 
+BEFOREHAND = "answered beforehand"
+"""Who answers where nobody is asked: then nobody has done anything either."""
+
+
 class Answer(Event, kind="answer"):
     """The one answer that counts; `act`, `mounting` and `details` say what the question asked to be done.
 
-    `role`: as which whoever answered was signed in; None for a name that nobody has checked.
+    `by`: a name, or `BEFOREHAND`. `role`: as which whoever answered was signed in; None for a name that nobody
+    has checked.
     """
 
     question: str
@@ -172,7 +177,10 @@ class Section(Event, kind="section"):
 
 
 class Interval(Event, kind="interval"):
-    """An interval of measurement of the standards' test plan ended: from when to when, and under what."""
+    """An interval of measurement of the standards' test plan ended: from when to when, and under what.
+
+    `roll_deg`: how far the unit was turned about its axis under test, against its first mounting.
+    """
 
     test: str
     start_s: BenchTime
@@ -183,6 +191,7 @@ class Interval(Event, kind="interval"):
     rate_dps: Number | None = None
     sequence: Number | None = None
     temp_c: Number | None = None
+    roll_deg: Number | None = None
 
 
 class Scheme(Event, kind="scheme"):

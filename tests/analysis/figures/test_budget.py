@@ -40,7 +40,7 @@ def figures(unit: Unit, errors: BenchErrors) -> dict[str, Figure]:
     ],
 )
 def test_an_error_on_the_certificate_is_taken_off(quantity: str, error: float, name: str) -> None:
-    unit = ToTheNorthEast(GRADES[1], FAULTS, 4, {quantity: error})
+    unit = ToTheNorthEast(GRADES[1], FAULTS, 4, {quantity: error}, rolls_deg=(0.0,))
     exact = [certificate(row.quantity, 1e-9, "normal") for row in BENCH if row.quantity != quantity]
     told = BenchErrors([*exact, certificate(quantity, 1e-9, "normal", error)])
     found, before = figures(unit, told)[name], figures(unit, BenchErrors(exact))[name]
@@ -86,10 +86,13 @@ def test_a_bench_without_certificates_is_assumed_and_says_so() -> None:
 
 
 def test_a_fixture_too_crude_for_a_misalignment_leaves_it_unseen() -> None:
-    unit = Unit(GRADES[1], Faults(misalignment_deg=0.01), 6)
+    unit = Unit(GRADES[1], Faults(misalignment_deg=0.015), 6, rolls_deg=(0.0,))
     name = MISALIGNMENT
     assert figures(unit, BenchErrors(BENCH))[name].seen
     assert not figures(unit, BenchErrors())[name].seen
+    turned = Unit(GRADES[1], Faults(misalignment_deg=0.015), 6, {"fixture_deg": 0.3})
+    found = figures(turned, BenchErrors())[name]  # turned over in it, the fixture counts no more
+    assert found.seen and found.value == pytest.approx(0.015, abs=0.006)
 
 
 def test_what_a_bench_without_certificates_is_taken_to_have() -> None:

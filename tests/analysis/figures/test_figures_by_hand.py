@@ -32,7 +32,7 @@ from bench.analysis.figures._scale_factor import (
     scale_factor_figures,
     slope_weights,
 )
-from bench.record.events.run import Interval
+from bench.record.events.run import BEFOREHAND, Answer, Interval
 from benchmarks.metrology import certificate
 from drivers.base.errors import ConfigurationError, RecordError
 
@@ -199,10 +199,14 @@ def table(time_s, **columns):
     }
 
 
-def record_of(rows=None, turned=None):
+def record_of(rows=None, turned=None, events=()):
     run = SimpleNamespace(
         gyro=lambda name, columns, start, end: rows, turntable=lambda columns, start, end: turned,
-        of=lambda kind: [(0.0, Interval("bias", 0.0, 1.0)), (2.0, Interval("noise", 2.0, 9.0))],
+        of=lambda kind: [
+            (0.0, each)
+            for each in (Interval("bias", 0.0, 1.0), Interval("noise", 2.0, 9.0), *events)
+            if isinstance(each, kind)
+        ],
         manifest=SimpleNamespace(run_id="r", outcome="aborted", reason="", latitude_deg=39.1),
     )  # fmt: skip
     return Record(run, "g", 30.0)
@@ -237,6 +241,19 @@ def test_a_records_seconds_and_samples_are_even_and_whole():
     assert refused.value.found == "3 of 200 seconds without a valid sample"
 
 
+def test_a_turn_in_the_fixture_that_nobody_made_is_no_position():
+    """Questions answered beforehand (`--yes`) are answered by nobody; somebody's answer stands."""
+    rows = [Interval("misalignment", 0.0, 1.0, roll_deg=roll) for roll in (0.0, 180.0, 90.0)]
+    answers = [
+        Answer("Turn?", "yes", by, "mount", "axis_horizontal", {"roll_deg": roll})
+        for roll, by in ((180.0, "Ada at the console"), (90.0, BEFOREHAND))
+    ]
+    answers.append(Answer("Mount?", "yes", BEFOREHAND, "mount", "axis_horizontal"))
+    record = record_of(events=(*rows, *answers))
+    assert record.intervals("misalignment") == rows[:2]
+    assert len(record.intervals("bias")) == 1
+
+
 def test_a_tables_rate_is_the_angle_turned_over_the_time():
     """At 200 deg/s, read every 0.9 s or so: half a turn and more between readings."""
     rng = np.random.default_rng(1)
@@ -269,6 +286,7 @@ class Plan:
 
     latitude_deg = 30.0
     temps = (25.0, 25.4, -15.0, 65.0)
+    rolls = (None, 0.0)
 
     def needed(self, test):
         return self.intervals(test)
@@ -276,6 +294,10 @@ class Plan:
     def intervals(self, test):
         if test == "temperature":
             return [SimpleNamespace(temp=temp) for temp in self.temps]
+        if test == "misalignment":
+            return [
+                SimpleNamespace(roll_deg=roll, rate_dps=rate) for roll in self.rolls for rate in (9.0, -9.0)
+            ]
         return [SimpleNamespace(input_dph=size) for size in (1.0, -4.0, 0.0)]
 
     def azimuth_deg(self, interval):
@@ -292,6 +314,15 @@ def parts_of(name, value=2.0, *others):
         if each.name == name
     ]
     return {each.source: each for each in found.budget.contributions}, found
+
+
+def budget_of_turned(way):
+    """Return the inputs of a misalignment whose unit was turned over in its fixture."""
+    plan = Plan()
+    plan.rolls = (0.0, 180.0, 90.0, 270.0)
+    name = f"input-axis misalignment, component {way} the table"
+    (found,) = with_budgets([figure(name, 0.3, 0.1)], plan, BenchErrors())
+    return found.budget.contributions
 
 
 def test_sensitivities_of_figures_are_those_of_their_definitions():
@@ -330,6 +361,15 @@ def test_sensitivities_of_figures_are_those_of_their_definitions():
     assert [
         by_source[k].sensitivity for k in ("fixture_deg", "time_base_ppm", "table_rate_ppm")
     ] == pytest.approx([-1.0, -tangent, tangent])
+    turned = {each.source: each for each in budget_of_turned("along")}
+    assert turned["fixture_seat_deg"].uncertainty == pytest.approx(
+        math.sqrt(2.0) / 2.0 * ASSUMED["fixture_seat_deg"] / math.sqrt(3.0)
+    )
+    assert "fixture_deg" not in turned and "fixture_seat_deg" in {
+        each.source for each in budget_of_turned("across")
+    }
+    by_source, _ = parts_of("input-axis elevation, unit in its fixture", 0.3)
+    assert set(by_source) == {"noise", "time_base_ppm", "table_rate_ppm"}
     by_source, _ = parts_of("threshold", 3.0)  # of the nearest input, 4 deg/h, at 130 deg
     north = EARTH_DPH * math.cos(30.0 * rad)
     assert by_source["table_angle_deg"].sensitivity == pytest.approx(
@@ -376,10 +416,25 @@ def test_an_interval_that_is_not_even_grows_by_the_bench_on_either_side():
     )
     told = BenchErrors(azimuth_sigma_deg=0.3).of("azimuth_deg", 3.0)
     assert (told.standard, told.kind, told.origin) == (0.3, "A", "Earth rate")
-    cosine = _cosine(figure("m", 0.4, 0.1), BenchErrors(), 2.0)
+
+
+def test_the_cosine_of_an_input_axis_off_the_table_is_that_of_draws():
+    along, across = (f"input-axis misalignment, component {way} the table" for way in ("along", "across"))
+    one = {along: figure(along, 0.4, 0.1)}
+    cosine = _cosine(one, BenchErrors(), 2.0)
     parts = [ASSUMED[name] / math.sqrt(3.0) for name in ("fixture_deg", "table_wobble_deg")]
     ppm = 1e6 * (math.hypot(*parts, 0.4) * math.pi / 180.0) ** 2
     assert (cosine.standard, cosine.estimate, cosine.sensitivity) == pytest.approx((ppm, ppm, 2e-6))
+    assert cosine.distribution == "exponential"
+    rng = np.random.default_rng(4)
+    for size_deg, shape in ((0.01, "exponential"), (0.2, "normal")):
+        both = {along: figure(along, 0.6 * size_deg, 1e-9), across: figure(across, -0.8 * size_deg, 1e-9)}
+        cosine = _cosine(both, BenchErrors(), 1.0)
+        added = math.hypot(*parts) * rng.standard_normal((400_000, 2)) + size_deg * np.array([0.6, -0.8])
+        drawn = 1e6 * (1.0 - np.cos(np.radians(np.linalg.norm(added, axis=1))))
+        assert cosine.distribution == shape
+        assert cosine.estimate == pytest.approx(drawn.mean(), rel=5e-3)
+        assert cosine.standard == pytest.approx(drawn.std(), rel=1e-2)
 
 
 def test_repeatability_over_runs_is_beyond_the_noise_within_each():

@@ -124,7 +124,8 @@ def test_a_misalignment_is_the_arc_sine_of_the_output_over_the_rate_of_the_table
         rest(1000.0 * k, test="misalignment", rate_dps=rate) for k, rate in enumerate((50.0, -50.0, 10.0))
     ]
     means = {row.start_s: 0.01 + 1.01 * row.rate_dps * lean for row in rows}
-    (found,) = PARTS["misalignment"](Rows(*rows, means=means), WHITE)
+    found, raised = PARTS["misalignment"](Rows(*rows, means=means), WHITE)
+    assert (raised.value, raised.low, raised.high) == (found.value, found.low, found.high)
     assert found.value == pytest.approx(0.3, rel=1e-9) and found.unit == "deg" and found.seen
     # white noise of N makes means of 600 s scatter by N sqrt(6) deg/h
     rates = 1.01 * np.array([50.0, -50.0, 10.0])
@@ -132,10 +133,50 @@ def test_a_misalignment_is_the_arc_sine_of_the_output_over_the_rate_of_the_table
     half = math.degrees(1.96 * error / math.cos(math.radians(0.3)))
     assert (found.high - found.value, found.value - found.low) == pytest.approx((half, half), rel=0.1)
     over = {start: 3.0 * mean / lean for start, mean in means.items()}
-    (most,) = PARTS["misalignment"](Rows(*rows, means=over), WHITE)
+    most, _ = PARTS["misalignment"](Rows(*rows, means=over), WHITE)
     assert (most.low, most.value, most.high) == (90.0, 90.0, 90.0)
     least = {start: -mean for start, mean in over.items()}
     assert PARTS["misalignment"](Rows(*rows, means=least), WHITE)[0].value == -90.0
+    with pytest.raises(ConfigurationError, match="one side only"):
+        PARTS["misalignment"](Rows(*rows[:1], means=means), WHITE)
+
+
+def turned_over(*rolls_deg, fixture_deg=0.2, to_next_deg=-0.05, to_last_deg=0.03):
+    """Return rows and means of a unit turned about its axis in a fixture that raises it.
+
+    Turned right-handed by r the next axis points sin(r) upwards and the last one cos(r), as a drawing shows.
+    """
+    upwards = {0.0: (0.0, 1.0), 90.0: (1.0, 0.0), 180.0: (0.0, -1.0), 270.0: (-1.0, 0.0)}
+    rows, means = [], {}
+    for number, roll in enumerate(rolls_deg):
+        next_up, last_up = upwards[roll]
+        sine = sum(
+            math.sin(math.radians(angle)) * part
+            for angle, part in ((fixture_deg, 1.0), (to_next_deg, next_up), (to_last_deg, last_up))
+        )
+        for side, rate in enumerate((50.0, -50.0)):
+            rows.append(rest(1000.0 * (2 * number + side), test="misalignment", rate_dps=rate, roll_deg=roll))
+            means[rows[-1].start_s] = 0.01 + 1.01 * rate * sine
+    return Rows(*rows, means=means)
+
+
+def test_turned_over_in_its_fixture_a_unit_shows_its_own_misalignment():
+    """Both components without the fixture's 0.2 deg; the noise of half a difference is a slope's over sqrt(2)."""
+    found = {each.name: each for each in PARTS["misalignment"](turned_over(0.0, 180.0, 90.0, 270.0), WHITE)}
+    along, across = (f"input-axis misalignment, component {way} the table" for way in ("along", "across"))
+    raised = "input-axis elevation, unit in its fixture"
+    assert set(found) == {along, across, raised}
+    assert found[along].value == pytest.approx(0.03, rel=1e-6) and found[across].value == pytest.approx(
+        -0.05, rel=1e-6
+    )
+    assert found[raised].value == pytest.approx(0.23, rel=1e-5)
+    halves = [found[name].high - found[name].value for name in (along, across, raised)]
+    assert halves == pytest.approx([halves[2] / math.sqrt(2.0)] * 2 + [halves[2]], rel=0.1)
+    assert all("4 positions" in found[name].source for name in (along, across))
+    half = {each.name: each.value for each in PARTS["misalignment"](turned_over(0.0, 180.0, 90.0), WHITE)}
+    assert set(half) == {along, raised} and half[along] == pytest.approx(0.03, rel=1e-6)
+    one = {each.name: each.value for each in PARTS["misalignment"](turned_over(0.0), WHITE)}
+    assert one[along] == one[raised] == pytest.approx(0.23, rel=1e-5)
 
 
 def test_a_scale_factor_is_of_sequences_kept_apart_at_the_tables_own_rates():

@@ -54,6 +54,31 @@ def test_upward_axis_reads_table_rate_plus_vertical_earth_rate(rate: float) -> N
     assert mean_dph(lab, 60.0, 10) == pytest.approx(expected, abs=2e-5)
 
 
+@pytest.mark.parametrize(
+    ("roll_deg", "next_up", "last_up"), [(0, 0, 1), (90, 1, 0), (180, 0, -1), (270, -1, 0)]
+)
+def test_a_unit_turned_about_its_axis_takes_its_lean_with_it_and_not_the_fixtures_tilt(
+    roll_deg: float, next_up: float, last_up: float
+) -> None:
+    """What a level axis feels of a rotation about the vertical is the sine of its elevation (IEEE Std 952)."""
+    fixture, to_next, to_last = 0.1, 0.04, -0.07
+    lab = quiet_lab(tilt_deg=fixture, lean_deg=(to_next, to_last))
+    lab.mount("g", "axis_horizontal", roll_deg)
+    lab.table.servo(0.0, True)
+    means = []
+    for start, rate in ((30.0, 18.0), (130.0, -18.0)):
+        lab.table.demand_rate(start - 30.0, rate)
+        means.append(mean_dph(lab, start, 20) / 3600.0)  # a whole turn
+    elevation = math.degrees(math.asin((means[0] - means[1]) / 36.0))
+    assert elevation == pytest.approx(fixture + to_next * next_up + to_last * last_up, abs=2e-6)
+
+
+def test_a_unit_with_z_up_is_not_turned_about_an_axis_that_nobody_told() -> None:
+    with pytest.raises(ConfigurationError, match="z up") as refused:
+        quiet_lab().mount("g", "z_up", 90.0)
+    assert refused.value.found == "roll_deg = 90"
+
+
 def test_turning_horizontal_axis_integrates_earth_rate_exactly() -> None:
     lab = quiet_lab()
     lab.table.servo(0.0, True)
