@@ -172,7 +172,8 @@ _PLANT = "--plant examples/ins_plant.toml"
 _RAMP = {"dwell_min": 10, "warm_up_min": 10, "east_dwell_s": 60}
 _HEADINGS = {"headings_deg": "0,90,180,270", "stays_h": "50,24,24,24", "warm_up_h": 20, "telemetry_s": 60}
 _STANDARD = {
-    "warm_up_min": 10, "bias_min": 10, "noise_h": 0.5, "step_dwell_s": 60, "power_cycles": 1, "off_s": 5,
+    "warm_up_min": 10, "bias_min": 10, "noise_h": 0.5, "step_dwell_s": 60, "power_cycles": 1,
+    "east_dwell_s": 60, "off_s": 5,
     "rates_per_sign": 2, "sequences": 1, "rate_dwell_s": 10, "temperatures": "false",
 }  # fmt: skip
 _SHOCKS = "out/campaign/runs"

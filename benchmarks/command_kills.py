@@ -439,7 +439,14 @@ def _stepwise(reads: Path) -> Kind:
 
 def _standard_test(reads: Path) -> Kind:
     file = bench_file_from(_FILE)
-    values = {"warm_up_min": 10.0, "bias_min": 10.0, "noise_h": 0.5, "step_dwell_s": 60.0, "power_cycles": 0}
+    values = {
+        "warm_up_min": 10.0,
+        "bias_min": 10.0,
+        "noise_h": 0.5,
+        "step_dwell_s": 60.0,
+        "east_dwell_s": 60.0,
+        "power_cycles": 0,
+    }
     values |= {"rates_per_sign": 2, "sequences": 1, "rate_dwell_s": 10.0, "temperatures": False}
     runs = [
         str(_run(file, reads / "standard", "standard-test", Plant(seed=seed), **values)) for seed in (1, 2)

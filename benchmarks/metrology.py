@@ -17,6 +17,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,20 +35,19 @@ from benchmarks._measure import Row, figure, usual
 from benchmarks.allan import simulate
 from drivers.base.arrays import Array
 from drivers.base.constants import EARTH_RATE_DPH
-from procedures.standard_test import StandardTestParameters
+from procedures._by_noise import AtRest
+from procedures._standard_plan import STEPS, Plan, StandardTestParameters
 
 UNITS, QUICK_UNITS = 100, 10
 LATITUDE_DEG = 39.1
 NORTH_DPH = EARTH_RATE_DPH * math.cos(math.radians(LATITUDE_DEG))
 UP_DPH = EARTH_RATE_DPH * math.sin(math.radians(LATITUDE_DEG))
-SETTLE_S = 30.0
-STEPS = 5
 TEMPERATURES_C = (25.0, -40.0, 60.0)
 FULL_SCALE_DPS = 20.0
 MISALIGNMENT = "input-axis misalignment, component along the table"
 ACROSS = "input-axis misalignment, component across the table"
 ELEVATION = "input-axis elevation, unit in its fixture"
-ROLLS_DEG = (0.0, 180.0, 90.0, 270.0)
+POSITIONS = {"both": (0.0, 180.0, 90.0, 270.0), "as_mounted": (0.0,)}
 HYSTERESIS = "scale-factor hysteresis, rising and falling"
 
 
@@ -78,20 +78,15 @@ class Grade:
     name: str
     noise: NoiseCoefficients
     rate_hz: float
-    bias_s: int
-    warm_up_s: int
-    noise_s: int
-    step_dph: float
-    step_s: int
     faults: Faults
 
 
 GRADES = (
-    Grade("MEMS", NoiseCoefficients(0.0, 0.2, 4.0, 0.0, 0.0), 1.0, 1800, 1200, 7200, 0.6, 600,
+    Grade("MEMS", NoiseCoefficients(0.0, 0.2, 4.0, 0.0, 0.0), 1.0,
           Faults(300.0, 150.0, 200.0, 60.0, 40.0, 30.0, 6.0, 150.0, 150.0, 20.0, 0.2, 0.2, 3.0, 30.0)),
-    Grade("FOG", NoiseCoefficients(0.0, 0.004, 0.006, 0.0, 0.0), 1.0, 3600, 3600, 21600, 0.01, 900,
+    Grade("FOG", NoiseCoefficients(0.0, 0.004, 0.006, 0.0, 0.0), 1.0,
           Faults(50.0, 20.0, 15.0, 6.0, 4.0, 0.05, 0.01, 0.5, 600.0, 0.1, 0.02, 0.02, 1e-3, 1.0)),
-    Grade("RLG", NoiseCoefficients(2.4e-5, 2e-4, 8e-4, 0.0, 0.0), 4.0, 7200, 3600, 43200, 0.002, 1800,
+    Grade("RLG", NoiseCoefficients(2.4e-5, 2e-4, 8e-4, 0.0, 0.0), 4.0,
           Faults(4.0, 1.5, 0.6, 0.3, 0.3, 0.004, 0.002, 0.02, 800.0, 0.02, 0.002, 0.002, 2e-4, 0.08)),
 )  # fmt: skip
 PERFECT = Faults()
@@ -138,44 +133,25 @@ class Unit:
     seed: int
     bench: Mapping[str, float] = field(default_factory=dict)
     rows: list[Interval] = field(default_factory=list)
-    rolls_deg: tuple[float, ...] = ROLLS_DEG
+    misalignment: Literal["both", "as_mounted"] = "both"
 
     def __post_init__(self) -> None:
-        """Lay out the intervals of the plan one after the other, draw power-ons and noise."""
-        plan = StandardTestParameters(max_rate_dps=FULL_SCALE_DPS)
-        grade, now = self.grade, 0.0
-
-        def add(test: str, length_s: float, **fields: float) -> None:
-            nonlocal now
-            self.rows.append(Interval(test, now, now + length_s, **fields))
-            now += length_s + SETTLE_S
-
-        add("warm_up", grade.warm_up_s)
-        for cycle in range(plan.plan().power_cycles + 1):
-            add("bias", grade.bias_s, cycle=cycle)
-            now += grade.warm_up_s if cycle < plan.plan().power_cycles else 0.0
-        add("noise", grade.noise_s)
-        for test in ("threshold", "resolution"):
-            for step in range(STEPS):
-                for sense in (0.0, 1.0, 0.0):
-                    add(test, grade.step_s, step=step, input_dph=-sense * grade.step_dph * 2.0**step)
-        for roll in self.rolls_deg:
-            for sense in (1.0, -1.0):
-                add(
-                    "misalignment",
-                    plan.dwell_s(FULL_SCALE_DPS),
-                    rate_dps=sense * FULL_SCALE_DPS,
-                    roll_deg=roll,
-                )
-        for sequence in range(1, plan.sequences + 1):
-            for rate in plan.rates():
-                add("scale_factor", plan.dwell_s(rate), rate_dps=rate, sequence=sequence)
-        for temp_c in TEMPERATURES_C:
-            now += 9000.0
-            for rate in (0.0, FULL_SCALE_DPS, -FULL_SCALE_DPS):
-                add("temperature", 612.0, rate_dps=rate, temp_c=temp_c)
+        """Lay out the intervals of the procedure's plan by the unit's noise, draw power-ons and noise."""
+        grade = self.grade
         rng = np.random.default_rng((self.seed, zlib.crc32(grade.name.encode())))
-        self.power_ons_dph = self.faults.bias_spread_dph * rng.standard_normal(plan.plan().power_cycles + 1)
+        q, n, b, k, r = (float(getattr(grade.noise, name)) for name in NOISE_NAMES)
+        before = Plan.of(
+            StandardTestParameters(
+                grade=cast(Any, grade.name.lower()),
+                max_rate_dps=FULL_SCALE_DPS,
+                misalignment=self.misalignment,
+            )
+        )
+        at_rest = simulate(rng, round(3600.0 * before.grade.noise_h), (q, n, b, k, r))
+        plan = before.after([AtRest.of_means(at_rest)])
+        self.rows = plan.intervals()
+        self.inputs = plan.inputs
+        self.power_ons_dph = self.faults.bias_spread_dph * rng.standard_normal(plan.grade.power_cycles + 1)
         errors = {item.quantity: item.standard_uncertainty for item in BENCH} if self.bench else {}
         spread_c = errors.get("unit_temp_c", 0.0)
         self.of_temps_c = {temp: spread_c * float(rng.standard_normal()) for temp in TEMPERATURES_C}
@@ -185,13 +161,13 @@ class Unit:
         parts = [errors.get(name, 0.0) for name in ("fixture_deg", "table_wobble_deg")]
         own = np.array([self.faults.misalignment_deg, self.faults.across_deg])
         self.off_table_deg = own + math.hypot(*parts) * rng.standard_normal(2)
-        seats = errors.get("fixture_seat_deg", 0.0) * rng.uniform(-(3**0.5), 3**0.5, len(ROLLS_DEG))
-        self.seats_deg = dict(zip(ROLLS_DEG, seats.tolist(), strict=True))
+        rolls = POSITIONS[self.misalignment]
+        seats = errors.get("fixture_seat_deg", 0.0) * rng.uniform(-(3**0.5), 3**0.5, len(rolls))
+        seats *= len(rolls) > 1  # of a single one the fixture's error has it
+        self.seats_deg = dict(zip(rolls, seats.tolist(), strict=True))
         self.sequence_ppm = self.faults.sf_spread_ppm * rng.standard_normal(plan.sequences)
-        q, n, b, k, r = (float(getattr(grade.noise, name)) for name in NOISE_NAMES)
-        count = (
-            1 << (math.ceil(now * grade.rate_hz) + 1).bit_length()
-        )  # a transform of another length is slow
+        # a transform of another length is slow
+        count = 1 << (math.ceil(self.rows[-1].end_s * grade.rate_hz) + 1).bit_length()
         self.fast = simulate(rng, count, (q, n, 0.0, 0.0, 0.0), grade.rate_hz)
         self.slow = simulate(rng, count, (0.0, 0.0, b, k, r), grade.rate_hz)
 
@@ -308,6 +284,12 @@ class Unit:
         return np.asarray(rates * (1.0 + 1e-6 * ppm) + 1e-6 * FULL_SCALE_DPS * shape + UP_DPH / 3600.0)
 
 
+def length_s(unit: Unit, test: str) -> float:
+    """Return the length of a test's first interval."""
+    first = unit.intervals(test)[0]
+    return first.end_s - first.start_s
+
+
 def truth(unit: Unit, tolerance_dph: float) -> dict[str, float]:
     """Return what the figures should be, by what was put in; `tolerance_dph`: the band of the warm-up."""
     f, first = unit.faults, unit.intervals("bias")[0]
@@ -329,14 +311,14 @@ def truth(unit: Unit, tolerance_dph: float) -> dict[str, float]:
         for out in outputs
     ]
     ppm, full_ppm = 1e6 / np.mean(slopes), 1e6 / np.mean(slopes) / FULL_SCALE_DPS
-    time_s = np.arange(float(unit.grade.warm_up_s))
+    time_s = np.arange(length_s(unit, "warm_up"))
     course = unit.transient_dph(time_s)
     course = course - course[-len(course) // 4 :].mean()
     outside = time_s[np.abs(course) > tolerance_dph]
     hot = np.array([1.0 + 1e-6 * (f.sf_ppm + f.sf_ppm_per_c * (t - 25.0)) for t in TEMPERATURES_C])
     noise = unit.grade.noise
     taus_h = 2.0 ** np.arange(30) / unit.grade.rate_hz / 3600.0
-    taus_h = taus_h[taus_h <= 0.1 * unit.grade.noise_s / 3600.0]
+    taus_h = taus_h[taus_h <= 0.1 * length_s(unit, "noise") / 3600.0]
     return {
         "bias": f.bias_dph + float(unit.power_ons_dph[0] + unit.slow[unit.part(first)].mean()),
         "bias repeatability": f.bias_spread_dph,

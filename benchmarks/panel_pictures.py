@@ -31,6 +31,7 @@ _BY = "Ada"
 _UNITS = ("FOG-001", "FOG-002")
 _SHORT = {
     "bias_min": 10.0, "noise_h": 0.5, "temperatures": False, "power_cycles": 1, "step_dwell_s": 60.0,
+    "east_dwell_s": 60.0,
     "rates_per_sign": 3, "max_rate_dps": 10.0, "smallest_step_dph": 0.5,
 }  # fmt: skip
 _TURNED_S = 400.0

@@ -19,8 +19,11 @@ from drivers.base.errors import ConfigurationError, LimitExceeded
 from drivers.base.plugins import entry_points_of
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from bench.control.session import Bench
     from bench.record.benchfile import BenchFile
+    from bench.record.events.run import Interval
 
 ENTRY_POINT_GROUP = "gyrobench.procedures"
 
@@ -56,6 +59,9 @@ class Procedure:
     """What kind of unit it tests; the bench must have at least one."""
     figures: Callable[[Any], Collection[str]] = lambda parameters: ()
     """Which figures of a certificate (`bench.record.figure_limits`) a run with these parameters measures."""
+    intervals: Callable[[Any, ArrayLike], Sequence[Interval]] | None = None
+    """Which intervals of measurement a run with these parameters has, of a unit with this output at rest (1 s
+    means, deg/h, (n,)): `gyrobench foretell` then says what the run will be able to resolve."""
     upright: bool = True
     """Whether it turns the units about the vertical: their axis then points up with the outer axes at 0."""
     text: str = field(default="", repr=False)

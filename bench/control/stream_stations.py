@@ -241,6 +241,21 @@ class GyroStation(StreamStation):
         self.heed(self.name, start_s, last_s if end_s is None else end_s, mean_dps)
         return mean_dps
 
+    def seconds_since(self, start_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the valid samples of each second since then and the sum of their rates, deg/s, (n,) each.
+
+        A sample counts in the second it arrived with others in, of what the history still holds.
+        """
+        rows = self.update().since(start_s)
+        second = (rows["time_s"] - start_s).astype(np.int64)
+        count = int(second[-1]) + 1 if len(second) else 0
+        known = np.isfinite(rows["rate_dps"])
+        second, samples, rates = second[known], rows["samples"][known], rows["rate_dps"][known]
+        summed = [
+            np.bincount(second, weights, count).astype(np.float64) for weights in (samples, samples * rates)
+        ]
+        return summed[0], summed[1]
+
     def output_dps(self, start_s: float, end_s: float | None = None) -> float:
         """Return the same for a display: nothing is made of it."""
         rows = self.update().since(start_s)

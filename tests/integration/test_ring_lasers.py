@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,6 +13,7 @@ from typer.testing import CliRunner
 from bench.analysis.common.state_file import read_state
 from bench.analysis.compensations import load_compensation
 from bench.analysis.figures import standard_figures
+from bench.analysis.figures._record import Record
 from bench.analysis.rlg import RampRun, RlgCompensation, load_ramp_runs
 from bench.control.procedure import find_procedure
 from bench.control.progress import Progress
@@ -19,8 +21,10 @@ from bench.lab.emulated import Plant, unit_seed
 from bench.lab.rehearsal import rehearse_procedure
 from bench.present.cli._app import app
 from bench.record.benchfile import load_bench_file
-from bench.record.recording import read_manifest
+from bench.record.events.run import Interval, Series
+from bench.record.recording import Run, read_manifest
 from drivers.base.errors import ConfigurationError
+from procedures._by_noise import AtRest
 from simulators.plant.rlg import RLG_NOISE, rlg_coefficients
 
 BENCH = """
@@ -161,6 +165,7 @@ STANDARD = {
     "power_cycles": "1",
     "noise_h": "0.5",
     "step_dwell_s": "60",
+    "east_dwell_s": "60",
     "smallest_step_dph": "0.3",
     "rates_per_sign": "2",
     "sequences": "1",
@@ -192,3 +197,35 @@ def test_a_ring_laser_through_the_test_plan_of_the_standards(bench: SimpleNamesp
     assert lost == 0
     assert shown[-1].gyros["rlg_1"].lost == pytest.approx(lost, abs=5)
     assert max(progress.gyros["rlg_1"].lost for progress in shown) <= lost + 5
+
+
+def test_dwells_and_repeats_follow_from_the_noise_that_the_test_has_measured(
+    bench: SimpleNamespace, tmp_path: Path
+) -> None:
+    settings = {
+        name: value for name, value in STANDARD.items() if name not in ("step_dwell_s", "power_cycles")
+    }
+    settings |= {"power_cycles": "0", "steps_h": "0.5", "smallest_step_dph": "0.01"}
+    folder = record(bench, tmp_path, "standard-test", 1, 6, settings)
+    run = Run.open(folder)
+    (told,) = (event for _, event in run.of(Series))
+    inputs, dwells, repeats, errors = told.columns.values()
+    (noise,) = (row for _, row in run.of(Interval) if row.test == "noise")
+    means = Record(run, "rlg_1", 0.0).seconds_dph(noise)
+    for dwell_s, count, error in zip(dwells, repeats, errors, strict=True):
+        single = AtRest.of_means(means).difference_dph(dwell_s, 30.0)
+        expected = single * math.sqrt((4.0 * count - 1.0) / (3.0 * count**2))
+        assert error == pytest.approx(expected, rel=0.1)
+    # 7.2 standard errors of an input are enough; those that half an hour has no time for are left out
+    shown = run.manifest.measured("smallest_input_shown")
+    assert shown == inputs[0] and 7.2 * errors[0] <= shown
+    for test in ("threshold", "resolution"):
+        rows = [row for _, row in run.of(Interval) if row.test == test]
+        assert sum(row.end_s - row.start_s for row in rows) <= 1800.0
+        for step, (size, dwell_s, count) in enumerate(
+            zip(inputs, dwells, repeats, strict=True), 5 - len(inputs)
+        ):
+            own = [row for row in rows if row.step == step]
+            assert [row.input_dph for row in own] == pytest.approx([0.0, -size] * int(count) + [0.0])
+            assert [row.end_s - row.start_s for row in own] == pytest.approx([dwell_s] * len(own), abs=0.1)
+    assert standard_figures(folder).value("threshold") == pytest.approx(shown)

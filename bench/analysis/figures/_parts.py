@@ -183,16 +183,29 @@ def _warm_up(record: Measured, noise: NoiseCoefficients | None) -> list[Figure]:
     return [Figure.of("warm-up time to 3 s_100", time, "s", f"IEEE Std 952; to {tolerance:.3g} deg/h")]
 
 
+def alternation_weights(repeats: int) -> Array:
+    """Return the weights of zero, input, zero, input, ..., zero, (2 k + 1,): each input less the zeros beside it.
+
+    The mean over k inputs of B - (A + C) / 2, in which a steady drift drops out.
+    """
+    inner = np.full(2 * repeats + 1, 1.0 / repeats)
+    inner[::2] *= -1.0
+    inner[[0, -1]] *= 0.5
+    return inner
+
+
 def _small_rates(test: str, record: Measured, noise: NoiseCoefficients | None) -> list[Figure]:
     by_step: dict[float, list[Interval]] = {}
     for interval in record.needed(test):
         by_step.setdefault(interval.step or 0.0, []).append(interval)
     steps = []
-    weights = np.array([-0.5, 1.0, -0.5])
-    for _, three in sorted(by_step.items()):
-        means = np.array([record.output_dph(item).mean() for item in three])
-        error = float(np.std(_errors(three, noise) @ weights))
-        steps.append(RateStep(three[1].input_dph or 0.0, float(weights @ means), error))
+    for _, rows in sorted(by_step.items()):
+        whole = rows[: len(rows) - (len(rows) + 1) % 2]  # a stopped run may end with an input
+        if len(whole) > 2:
+            weights = alternation_weights(len(whole) // 2)
+            means = np.array([record.output_dph(item).mean() for item in whole])
+            error = float(np.std(_errors(whole, noise) @ weights))
+            steps.append(RateStep(whole[1].input_dph or 0.0, float(weights @ means), error))
     found = threshold(steps)
     source = "IEEE Std 647, 952; smallest input shown to give 50 % of its output"
     if found.value == min(abs(step.input_dph) for step in steps):

@@ -33,6 +33,9 @@ _SHORT_TEST = {
     "power_cycles": 0,
     "warm_up_min": 10.0,
     "step_dwell_s": 60.0,
+    "east_dwell_s": 60.0,
+    "rate_dwell_s": 60.0,
+    "sequences": 2,
     "misalignment": "as_mounted",
 }
 """A standard test as short as its procedure allows but for the rates, which a diagnosis takes from it."""

@@ -16,7 +16,7 @@ from bench.record.figure_limits import FIGURES, FURTHER, OVER_RUNS
 from bench.record.recording import Manifest, write_manifest
 from bench.record.recording._tables import table_writer
 from drivers.base.errors import ConfigurationError
-from procedures.standard_test import GRADES, PROCEDURE
+from procedures.standard_test import PROCEDURE
 
 LATITUDE, EARTH = np.radians(39.1), 15.041067
 BIAS, N, SF_PPM, ASYMMETRY_PPM = 0.05, 0.004, 10.0, 20.0
@@ -173,24 +173,6 @@ def test_a_noisy_grade_takes_east_as_mounted(
     assert found.call_count == searched
     pointed = [call.args[0] for call in bench.table.point.call_args_list]
     assert pointed[0] == 80.0 and pointed[1] == (91.0 if searched else 80.0)
-
-
-def test_the_plan_follows_the_grade_and_what_is_given() -> None:
-    fog = PROCEDURE.parse({})
-    assert fog.plan() == GRADES["fog"]
-    assert PROCEDURE.parse({"grade": "rlg", "noise_h": "3"}).plan().noise_h == 3.0
-    assert PROCEDURE.parse({"grade": "rlg"}).plan().smallest_step_dph == GRADES["rlg"].smallest_step_dph
-    rates = fog.rates()
-    assert max(rates) == 20.0 and min(rates) == -20.0 and rates[0] == rates[-1] == 0.0
-    assert len({rate for rate in rates if rate > 0}) == 11 and np.abs(np.diff(rates)).max() < 2.0
-    for rate in rates[1:5]:
-        turns = fog.dwell_s(rate) * rate / 360.0
-        assert turns == pytest.approx(round(turns)) and fog.dwell_s(rate) >= fog.rate_dwell_s
-    with pytest.raises(ConfigurationError, match="grade"):
-        PROCEDURE.parse({"grade": "toy"})
-    demands = PROCEDURE.demands(fog)
-    assert (demands.max_rate_dps, demands.min_temp_c, demands.max_temp_c) == (20.0, -40.0, 60.0)
-    assert PROCEDURE.expected_duration_s(fog) > 3600 * 15
 
 
 def test_a_run_without_a_figure_takes_no_part_in_its_repeatability() -> None:

@@ -245,7 +245,8 @@ def test_free_curves_are_drawn_coarse_and_fine_and_late():
 
 
 SHORT = {"temperatures": False, "noise_h": 0.5, "bias_min": 10.0, "power_cycles": 0, "warm_up_min": 10.0}
-SHORT |= {"step_dwell_s": 60.0, "misalignment": "as_mounted"}
+SHORT |= {"step_dwell_s": 60.0, "east_dwell_s": 60.0, "rate_dwell_s": 60.0, "sequences": 2}
+SHORT |= {"misalignment": "as_mounted"}
 
 
 def test_usual_procedures_have_these_settings():
