@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from bench.control.session import Bench as Bench
     from bench.lab.emulated import Plant as Plant
     from bench.record.benchfile import BenchFile as BenchFile
+    from bench.record.events.run import Interval as Interval
     from bench.record.events.run import Series as Series
     from bench.record.exchange import import_log as import_log
     from bench.record.recording import Run as Run
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     from gyrobench._analyse import fit_standard_test as fit_standard_test
     from gyrobench._analyse import fit_stepwise as fit_stepwise
     from gyrobench._analyse import fit_whirl as fit_whirl
+    from gyrobench._analyse import foretell as foretell
     from gyrobench._analyse import look as look
     from gyrobench._analyse import procedure_budgets as procedure_budgets
     from gyrobench._open import load_bench as load_bench
@@ -76,7 +78,7 @@ _HOMES = {
     "bench.control.session": ("Bench",),
     "bench.lab.emulated": ("Plant",),
     "bench.record.benchfile": ("BenchFile",),
-    "bench.record.events.run": ("Series",),
+    "bench.record.events.run": ("Interval", "Series"),
     "bench.record.exchange": ("import_log",),
     "bench.record.recording": ("Run",),
     "drivers.base.errors": (
@@ -95,6 +97,7 @@ _HOMES = {
         "fit_standard_test",
         "fit_stepwise",
         "fit_whirl",
+        "foretell",
         "look",
         "procedure_budgets",
     ),

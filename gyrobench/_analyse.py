@@ -7,12 +7,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from bench.analysis import gap
 from bench.analysis.calibration import Calibration, Noise, calibrate, load_record
 from bench.analysis.common.fan_out import fan_out
 from bench.analysis.common.uncertainty import Budget
-from bench.analysis.figures import Figure, StandardFigures, figures_of_unit
+from bench.analysis.figures import (
+    Figure,
+    Outlook,
+    StandardFigures,
+    figures_of_unit,
+    foretell_procedure,
+    noise_like,
+    noise_named,
+)
 from bench.analysis.figures import procedure_budgets as budgets_of
 from bench.analysis.heading import Form, HeadingStudy, study_heading_logs
 from bench.analysis.look import Look, LookOptions
@@ -20,6 +29,8 @@ from bench.analysis.look import look as look_at
 from bench.analysis.rlg import RlgStudy, study_units
 from bench.analysis.thermal import Study, study_folders
 from bench.analysis.whirl import Gauge, WhirlStudy, study_whirl_runs
+from bench.control.procedure import Procedure, read_procedure
+from bench.record.benchfile import BenchFile, load_bench_file
 from bench.record.recording import Run
 
 _WINDOW_S = 35.901708 * 3600.0
@@ -101,6 +112,29 @@ def fit_standard_test(
     """
     figures, over_runs = figures_of_unit(_paths(runs), gyro)
     return figures, list(over_runs)
+
+
+def foretell(
+    procedure: str | Procedure,
+    bench: BenchFile | Path | str,
+    noise: Mapping[str, float] | Path | str,
+    /,
+    **parameters: Any,
+) -> Outlook:
+    """Say what a test will be able to resolve of a unit with a given noise, before it begins.
+
+    `noise`: coefficients by name, those left out zero: quantisation (deg), angle_random_walk (deg/sqrt(h)),
+    bias_instability (deg/h), rate_random_walk (deg/h/sqrt(h)), rate_ramp (deg/h/h); or a `standard-test` run of
+    such a unit. `parameters`: those of the procedure.
+
+    The result has `duration_s` and `figures`; of each, `resolves` is half of its 95 % interval, or what a unit
+    without any fault is "not seen above", the bench's budget included (IEEE Std 952; JCGM 100). None with a
+    `reason` where such a test does not state it. ConfigurationError for a procedure that plans no intervals.
+    """
+    found = read_procedure(procedure) if isinstance(procedure, str) else procedure
+    file = bench if isinstance(bench, BenchFile) else load_bench_file(Path(bench))
+    coefficients = noise_named(noise) if isinstance(noise, Mapping) else noise_like(Path(noise))
+    return foretell_procedure(found, found.parse(parameters), coefficients, file)
 
 
 def procedure_budgets(run: Path | str) -> dict[str, Budget]:

@@ -19,14 +19,12 @@ from bench.control.session import Bench
 from bench.record.events.run import Interval, Series
 from procedures._by_noise import AtRest
 from procedures._power import power_cycle
-from procedures._standard_plan import SETTLE_S, Dwell, Plan, StandardTestParameters
+from procedures._standard_plan import EAST_BY_HAND, SETTLE_S, Dwell, Plan, StandardTestParameters
 from procedures.thermal_ramp import go_to_end
 from procedures.zero_bias_cold_shock import ZeroBiasParameters, find_east
 
 _RESOLUTION_DEG = 45.0
 """Angle from east at which resolution is tested: a large input that still changes with angle."""
-_EAST_BY_HAND = ("mems",)
-"""Grades too noisy to find east by the Earth rate within the 2 deg that are accepted: it is what was mounted."""
 _ALWAYS = (
     "bias",
     "bias stability, 10 s averages",
@@ -63,7 +61,7 @@ def run(bench: Bench, p: StandardTestParameters) -> None:
         bench.chamber.start()
         _measure(bench, Dwell("warm_up", 60.0 * grade.warm_up_min))
         east_deg = p.azimuth_deg
-        if p.grade not in _EAST_BY_HAND:
+        if p.grade not in EAST_BY_HAND:
             search = ZeroBiasParameters(azimuth_deg=p.azimuth_deg, east_dwell_s=grade.east_dwell_s)
             east_deg = find_east(bench, search)
 

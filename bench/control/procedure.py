@@ -61,7 +61,8 @@ class Procedure:
     """Which figures of a certificate (`bench.record.figure_limits`) a run with these parameters measures."""
     intervals: Callable[[Any, ArrayLike], Sequence[Interval]] | None = None
     """Which intervals of measurement a run with these parameters has, of a unit with this output at rest (1 s
-    means, deg/h, (n,)): `gyrobench foretell` then says what the run will be able to resolve."""
+    means, deg/h, (n,)); the four dwells of a search for east as `axis_east`. `gyrobench foretell` then says what
+    the run will be able to resolve."""
     upright: bool = True
     """Whether it turns the units about the vertical: their axis then points up with the outer axes at 0."""
     text: str = field(default="", repr=False)

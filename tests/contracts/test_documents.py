@@ -52,7 +52,7 @@ def command_of(words: list[str]) -> tuple[list[str], set[str]]:
         path.append(word)
     known = {name for parameter in command.params for name in (*parameter.opts, *parameter.secondary_opts)}
     procedure = words[len(path)] if len(words) > len(path) else ""
-    if path in (["run"], ["rehearse"]) and procedure in PROCEDURES:
+    if path in (["run"], ["rehearse"], ["foretell"]) and procedure in PROCEDURES:
         fields = PROCEDURES[procedure].parameters.model_fields
         known |= {"--" + name.replace("_", "-") for name in fields}
     return path, known | {"--help"}

@@ -19,7 +19,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 UV = Path(sys.executable).with_name("uv")
 NEED_ANALYSIS = {
     *("Compensation", "Diagnosis", "Look", "LookOptions", "Study"),
-    *("diagnose", "look", "procedure_budgets"),
+    *("diagnose", "foretell", "look", "procedure_budgets"),
 }
 ROOMS = {"bench", "drivers", "gyrobench", "procedures", "simulators"}
 MAPPING = """
@@ -139,6 +139,7 @@ def test_what_needs_an_extra_that_is_not_installed_names_it(environment: Path, t
         (["look", "log.csv"], "analysis"),
         (["import", "log.csv", "--mapping", "map.toml"], "analysis"),
         (["fit", "standard-test", "runs/one"], "analysis"),
+        (["foretell", "standard-test", "--noise", "angle_random_walk=0.01"], "analysis"),
         (["panel"], "panel"),
     ):
         ended = subprocess.run(

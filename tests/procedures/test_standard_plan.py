@@ -167,6 +167,8 @@ def test_the_intervals_of_a_plan_are_in_the_order_of_the_test_without_overlap():
     ]  # fmt: skip
     assert all(before.end_s <= after.start_s for before, after in pairwise(rows))
     assert len([row for row in rows if row.test == "bias"]) == 7
+    fog = PROCEDURE.intervals(PROCEDURE.parse({}), np.zeros(0))
+    assert [row.end_s - row.start_s for row in fog if row.test == "axis_east"] == [900.0] * 4
     inputs = [row.input_dph for row in rows if row.test == "threshold"]
     assert inputs[::2] == [0.0] * len(inputs[::2]) and set(inputs[1::2]) == {-9.6} and len(inputs) > 3
     assert [row.roll_deg for row in rows if row.test == "misalignment"] == [0, 0, 180, 180, 90, 90, 270, 270]

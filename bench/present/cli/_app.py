@@ -19,6 +19,7 @@ COMMANDS = {
     "procedures": "_lists",
     "run": "_run",
     "rehearse": "_run",
+    "foretell": "_foretell",
     "steer": "_sessions",
     "lab": "_run",
     "report": "_report",

@@ -42,9 +42,9 @@ def run(
     from bench.record.benchfile import load_bench_file
 
     console, starter = Terminal(as_json=json), signature(by, signed_in_as)
-    chosen, parameters = _chosen(procedure, set_, context.args)
+    test, parameters = chosen(procedure, set_, context.args)
     file = load_bench_file(bench)
-    result = perform(console, chosen, parameters, file, runs, yes=yes, started_by=starter)
+    result = perform(console, test, parameters, file, runs, yes=yes, started_by=starter)
     say_result(console, result, kind="result")
     sys.exit(EXIT_CODES[result.outcome])
 
@@ -75,10 +75,10 @@ def rehearse(
     from drivers.base.clock import host_seconds
 
     console = Terminal(as_json=json)
-    chosen, parameters = _chosen(procedure, set_, context.args)
+    test, parameters = chosen(procedure, set_, context.args)
     emulated = load_plant(plant, seed)
     started = host_seconds()
-    result = perform(console, chosen, parameters, load_bench_file(bench), runs, plant=emulated)
+    result = perform(console, test, parameters, load_bench_file(bench), runs, plant=emulated)
     log_bytes = sum(path.stat().st_size for path in result.folder.rglob("*") if path.is_file())
     wall_s = host_seconds() - started
     record = Run.open(result.folder)
@@ -157,7 +157,7 @@ def lab(
             console.print("lab closed")
 
 
-def _chosen(name: str, pairs: list[str] | None, options: list[str]) -> tuple[Procedure, Parameters]:
+def chosen(name: str, pairs: list[str] | None, options: list[str]) -> tuple[Procedure, Parameters]:
     """Return a procedure and its parameters, of `--set` and of the options that it declares."""
     from bench.control.procedure import read_procedure
     from bench.present.cli._settings import settings_of

@@ -120,6 +120,7 @@ def test_a_run_and_all_that_is_made_of_it(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_what_there_is_to_name(tmp_path: Path) -> None:
+    shutil.copy(ROOT / "examples" / "demo.toml", tmp_path / "lab.toml")
     procedures = printed(tmp_path, "procedures")
     fields("procedures", procedures)
     assert {"name", "title", "source", "expected_s"} == set(procedures["procedures"][0])
@@ -129,6 +130,7 @@ def test_what_there_is_to_name(tmp_path: Path) -> None:
     for name, words in (
         ("ports", ("ports",)),
         ("frames list", ("frames", "list")),
+        ("foretell", ("foretell", "standard-test", "--noise", "angle_random_walk=0.2", "--grade", "mems")),
         ("frames check", ("frames", "check", "stim300")),
         ("can list", ("can", "list")),
         ("can check", ("can", "check", "sbg_ellipse")),

@@ -1,0 +1,69 @@
+"""`gyrobench foretell`: what a test will be able to resolve, before it begins."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from typer import Context, Option, Typer
+
+from bench.present.cli import _options as options
+from bench.present.cli._run import PARAMETERS_TOO, Set, chosen
+from bench.present.cli._texts import duration
+
+app = Typer()
+
+
+@app.command(context_settings=PARAMETERS_TOO)
+def foretell(
+    context: Context,
+    procedure: options.ProcedureName,
+    bench: options.Bench = options.DEFAULT_BENCH,
+    set_: Set = None,
+    noise: Annotated[
+        list[str] | None,
+        Option(help="a coefficient, as angle_random_walk=0.004 (deg/sqrt(h)); repeat for several"),
+    ] = None,
+    like: Annotated[
+        Path | None, Option(help="a standard-test run of such a unit: its noise is taken")
+    ] = None,
+    gyro: options.GyroToFit = None,
+    as_json: options.Json = False,
+) -> None:
+    """Say what a test will be able to resolve, before it begins.
+
+    Units without any fault, with the noise that is given, go through the plan of the test and through the
+    functions that make its figures. Printed is half of each 95 % interval, or what such a unit would be stated as
+    "not seen above".
+
+    Coefficients are quantisation (deg), angle_random_walk (deg/sqrt(h)), bias_instability (deg/h),
+    rate_random_walk (deg/h/sqrt(h)) and rate_ramp (deg/h/h), as a data sheet or `gyrobench look` has them.
+
+    The procedure's parameters are options too: --steps-h 8 is --set steps_h=8.
+    """
+    from bench.analysis.figures import foretell_procedure, noise_like, noise_named
+    from bench.present.cli._console import Terminal
+    from bench.present.cli._settings import parse_settings
+    from bench.record.benchfile import load_bench_file
+
+    console = Terminal(as_json=as_json)
+    test, parameters = chosen(procedure, set_, context.args)
+    named = parse_settings(
+        noise or [], "--noise", "a coefficient that is not name=value", "angle_random_walk=0.004"
+    )
+    coefficients = noise_named(named) if like is None else noise_like(like, gyro)
+    file = load_bench_file(bench)
+    with console.status("drawing units"):
+        found = foretell_procedure(test, parameters, coefficients, file)
+    rows = [(each.name, each.text or each.reason, each.unit) for each in found.figures]
+    console.table(("figure", "resolved to (95 %)", "unit"), rows, f"{test.name}: what it will resolve")
+    console.print(f"expected: {duration(found.duration_s)}, of a unit without any fault")
+    console.say_json(
+        "result",
+        figures=[
+            {"name": each.name, "unit": each.unit, "resolves": each.resolves, "reason": each.reason}
+            for each in found.figures
+        ],
+        duration_s=found.duration_s,
+        noise=coefficients,
+    )
