@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from bench.control.session import Bench as Bench
     from bench.lab.emulated import Plant as Plant
     from bench.record.benchfile import BenchFile as BenchFile
+    from bench.record.events.run import Basis as Basis
     from bench.record.events.run import Interval as Interval
     from bench.record.events.run import Series as Series
     from bench.record.exchange import import_log as import_log
@@ -78,7 +79,7 @@ _HOMES = {
     "bench.control.session": ("Bench",),
     "bench.lab.emulated": ("Plant",),
     "bench.record.benchfile": ("BenchFile",),
-    "bench.record.events.run": ("Interval", "Series"),
+    "bench.record.events.run": ("Basis", "Interval", "Series"),
     "bench.record.exchange": ("import_log",),
     "bench.record.recording": ("Run",),
     "drivers.base.errors": (

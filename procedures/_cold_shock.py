@@ -13,9 +13,12 @@ import numpy as np
 from bench.control.procedure import Demands, Parameters, parameter
 from bench.control.session import Bench
 from bench.control.stream_stations import GyroStation
+from bench.record.events.run import Basis
 
 _GATE_WINDOW_S = 600.0
 _SHOCK_LIMIT_C = -40.0
+_TENTH_TO_NINE = 0.8
+"""Part of the fall between its 10 and 90 % points."""
 _UNDERSHOOT_S = 300.0
 """Time after arrival in which the air has its undershoot; the shock is judged after it."""
 
@@ -117,9 +120,11 @@ def reference_window(bench: Bench, p: ColdShockParameters) -> None:
     bench.wait(60.0 * p.hold_min, "reference window")
     gyro = bench.judge
     rows = gyro.update().since(start)
-    bench.measure("reference_output", 3600.0 * gyro.mean_rate_dps(start), "deg/h")
+    output_dph, basis = 3600.0 * gyro.mean_rate_dps(start), Basis("gyro_output", since_s=start)
+    bench.measure("reference_output", output_dph, "deg/h", gyro=gyro.name, basis=basis)
     known = rows["temp_c"][np.isfinite(rows["temp_c"])]
-    bench.measure("reference_temperature", float(known.mean()) if len(known) else math.nan, "degC")
+    temp_c, basis = float(known.mean()) if len(known) else math.nan, Basis("unit_temperature")
+    bench.measure("reference_temperature", temp_c, "degC", gyro=gyro.name, basis=basis)
 
 
 def shock(bench: Bench, p: ColdShockParameters) -> None:
@@ -147,9 +152,13 @@ def verify_shock(bench: Bench, start_s: float, p: ColdShockParameters, arrived: 
     rate, steepest = shock_rate_k_per_min(rows["time_s"], rows["air_temp_c"])
     lowest = float(rows["air_temp_c"].min())
     required = p.required_rate_k_per_min
-    fast = bench.measure("shock_rate_10_90", rate, "K/min", low=required or None)
-    steep = bench.measure("shock_steepest_60s", steepest, "K/min", low=required or None)
-    deep = bench.measure("shock_lowest_air", lowest, "degC", high=_SHOCK_LIMIT_C)
+    fall_k = float(rows["air_temp_c"][0]) - lowest
+    mean = Basis("air_rate", since_s=start_s, change_k=_TENTH_TO_NINE * fall_k)
+    minute = Basis("air_rate", since_s=start_s, change_k=steepest)
+    fast = bench.measure("shock_rate_10_90", rate, "K/min", low=required or None, basis=mean)
+    steep = bench.measure("shock_steepest_60s", steepest, "K/min", low=required or None, basis=minute)
+    air = Basis("air_temperature", since_s=start_s)
+    deep = bench.measure("shock_lowest_air", lowest, "degC", high=_SHOCK_LIMIT_C, basis=air)
     if not fast or not steep:
         bench.invalidate(
             f"shock rate {rate:.2f} K/min between 10 and 90 % (steepest 60 s {steepest:.2f} K/min), "

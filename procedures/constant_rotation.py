@@ -11,6 +11,7 @@ from pydantic import field_validator
 
 from bench.control.procedure import Demands, Parameters, Procedure, parameter
 from bench.control.session import Bench
+from bench.record.events.run import Basis
 
 _SETTLING_S = 10.0
 
@@ -69,7 +70,9 @@ def run(bench: Bench, p: ConstantRotationParameters) -> None:
         bench.phase("rest")
         start = bench.now_s
         bench.wait(p.rest_s, "rest after")
-        bench.measure("output_at_rest", 3600.0 * bench.judge.mean_rate_dps(start), "deg/h")
+        gyro = bench.judge
+        at_rest_dph, basis = 3600.0 * gyro.mean_rate_dps(start), Basis("gyro_output", since_s=start)
+        bench.measure("output_at_rest", at_rest_dph, "deg/h", gyro=gyro.name, basis=basis)
 
 
 def _stretch_s(p: ConstantRotationParameters) -> float:

@@ -14,7 +14,7 @@ from pydantic import model_validator
 
 from bench.control.procedure import Demands, Parameters, Procedure, parameter
 from bench.control.session import Bench
-from bench.record.events.run import NavigationDemand
+from bench.record.events.run import Basis, NavigationDemand
 
 _LEAST_STAY_H = 2.0
 
@@ -93,7 +93,7 @@ def run(bench: Bench, p: HeadingChangeParameters) -> None:
             bench.note(f"heading {heading:g} deg for {hours:g} h")
             with bench.polling(p.telemetry_s):
                 bench.wait(3600.0 * hours, f"heading {heading:g} deg")
-            bench.measure(f"heading_{number}", heading, "deg")
+            bench.measure(f"heading_{number}", heading, "deg", basis=Basis("heading"))
     with bench.step("H3", "Close"):
         bench.table.point(p.table_deg(reference))
         bench.chamber.stop()

@@ -9,11 +9,13 @@ import math
 
 from bench.control.procedure import Demands, Parameters, Procedure, parameter
 from bench.control.session import Bench
+from bench.record.events.run import Basis
 from procedures._cold_shock import temperature_steady
 
 _POSITION_DEG = 0.01
 _REST_DPS = 0.01
 _ROOM_C = 25.0
+_ANGLE, _RATE, _AIR = Basis("table_angle"), Basis("table_rate"), Basis("air_temperature")
 _NEAR_S = 960.0
 """For a bench that is there already: `temperature_steady` compares 1 min means 10 min apart."""
 _FAR_S = 3600.0
@@ -38,20 +40,22 @@ def run(bench: Bench, p: KnownStateParameters) -> None:
     with bench.step("K1", "Table to a known angle"):
         bench.phase("table")
         found = bench.table.history.last
-        bench.measure("found_angle", found["angle_deg"], "deg")
-        bench.measure("found_rate", found["rate_dps"], "deg/s")
-        bench.measure("found_air", bench.chamber.history.last["air_temp_c"], "degC")
+        bench.measure("found_angle", found["angle_deg"], "deg", basis=_ANGLE)
+        bench.measure("found_rate", found["rate_dps"], "deg/s", basis=_RATE)
+        bench.measure("found_air", bench.chamber.history.last["air_temp_c"], "degC", basis=_AIR)
         bench.table.engage()
         bench.table.point(p.angle_deg)
         bench.wait(5.0, "reading back")
         there = bench.table.history.last
         error_deg = (there["angle_deg"] - p.angle_deg + 180.0) % 360.0 - 180.0
-        if not bench.measure("angle_error", error_deg, "deg", low=-_POSITION_DEG, high=_POSITION_DEG):
+        limit_deg = _POSITION_DEG
+        if not bench.measure("angle_error", error_deg, "deg", low=-limit_deg, high=limit_deg, basis=_ANGLE):
             text = f"the table is {error_deg:+.4f} deg off the angle it was sent to"
             bench.invalidate(text, "table_off_angle", error_deg=error_deg)
-        if not bench.measure("rate", there["rate_dps"], "deg/s", low=-_REST_DPS, high=_REST_DPS):
-            text = f"the table turns at {there['rate_dps']:+.4f} deg/s where it should rest"
-            bench.invalidate(text, "table_turns", rate_dps=there["rate_dps"])
+        rate_dps = there["rate_dps"]
+        if not bench.measure("rate", rate_dps, "deg/s", low=-_REST_DPS, high=_REST_DPS, basis=_RATE):
+            text = f"the table turns at {rate_dps:+.4f} deg/s where it should rest"
+            bench.invalidate(text, "table_turns", rate_dps=rate_dps)
 
     with bench.step("K2", f"Chamber and units to {p.air_c:g} degC"):
         bench.phase("temperature")
@@ -78,11 +82,12 @@ def run(bench: Bench, p: KnownStateParameters) -> None:
                 air_temp_c=air,
                 waited_s=60.0 * p.timeout_min,
             )
-        last = bench.chamber.history.last
-        tolerance = p.air_tolerance_k
-        bench.measure("air", last["air_temp_c"], "degC", low=p.air_c - tolerance, high=p.air_c + tolerance)
+        air_c = bench.chamber.history.last["air_temp_c"]
+        low, high = p.air_c - p.air_tolerance_k, p.air_c + p.air_tolerance_k
+        bench.measure("air", air_c, "degC", low=low, high=high, basis=_AIR)
         for name, gyro in bench.gyros.items():
-            bench.measure(f"{name}_temperature", gyro.history.last.get("temp_c", math.nan), "degC")
+            temp_c = gyro.history.last.get("temp_c", math.nan)
+            bench.measure(f"{name}_temperature", temp_c, "degC", gyro=name, basis=Basis("unit_temperature"))
         bench.chamber.stop()
 
 

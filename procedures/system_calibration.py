@@ -24,7 +24,7 @@ from bench.analysis.calibration import (
 )
 from bench.control.procedure import Demands, Parameters, Procedure, parameter
 from bench.control.session import Bench
-from bench.record.events.run import Position, Scheme, Turn
+from bench.record.events.run import Basis, Position, Scheme, Turn
 
 _SETTLING_S = 5.0
 _START_TURN_DEG = 180.0
@@ -95,7 +95,8 @@ def run(bench: Bench, p: SystemCalibrationParameters) -> None:
     with bench.step("K4", "Close"):
         bench.phase("close")
         for name, gyro in bench.gyros.items():
-            bench.measure(f"{name}_temperature", gyro.history.last.get("temp_c", float("nan")), "degC")
+            temp_c = gyro.history.last.get("temp_c", float("nan"))
+            bench.measure(f"{name}_temperature", temp_c, "degC", gyro=name, basis=Basis("unit_temperature"))
 
 
 def _dwell(bench: Bench, p: SystemCalibrationParameters, number: int, positions: int) -> None:

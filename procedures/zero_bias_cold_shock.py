@@ -14,6 +14,7 @@ import numpy as np
 from bench.control.procedure import Procedure, parameter
 from bench.control.session import Bench
 from bench.control.stream_stations import GyroStation
+from bench.record.events.run import Basis
 from procedures._cold_shock import (
     ColdShockParameters,
     reference_window,
@@ -100,16 +101,16 @@ def find_east(bench: Bench, p: ZeroBiasParameters) -> float:
     deviations = [_deviation_dph(gyro, *stay) for stays in dwells.values() for stay in stays]
     doubt_deg = math.degrees(2.0 * math.hypot(*deviations) / 4.0 / horizontal_dph)
     bench.measure("azimuth_error_2_sigma", doubt_deg, "deg")
-    limit = p.east_tolerance_deg
+    limit, basis = p.east_tolerance_deg, Basis("axis_azimuth")
     if doubt_deg > limit:
-        bench.measure("azimuth_error", error_deg, "deg")
+        bench.measure("azimuth_error", error_deg, "deg", basis=basis)
         bench.note(
             f"{gyro.name} cannot tell east: {error_deg:+.2f} +- {doubt_deg:.2f} deg (2 sigma), accepted are "
             f"{limit:g} deg; the table stays at {p.azimuth_deg:g} deg. east_dwell_s = "
             f"{math.ceil(p.east_dwell_s * (doubt_deg / limit) ** 2)} would do"
         )
         error_deg = 0.0
-    elif not bench.measure("azimuth_error", error_deg, "deg", low=-limit, high=limit):
+    elif not bench.measure("azimuth_error", error_deg, "deg", low=-limit, high=limit, basis=basis):
         bench.invalidate(
             f"the axis is {error_deg:+.2f} deg off east, accepted are {limit:g} deg: mount it again",
             "off_east",
@@ -118,7 +119,7 @@ def find_east(bench: Bench, p: ZeroBiasParameters) -> float:
         )
     east_deg = (p.azimuth_deg - error_deg) % 360.0
     bench.table.point(east_deg)
-    bench.measure("east_table_angle", east_deg, "deg")
+    bench.measure("east_table_angle", east_deg, "deg", basis=Basis("east_angle"))
     return east_deg
 
 

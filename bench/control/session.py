@@ -21,10 +21,11 @@ from bench.control.stream_stations import GyroStation, PlatformStation, StreamSt
 from bench.control.stream_watchdog import Reconnect, StreamWatchdog
 from bench.control.table_station import TableStation
 from bench.control.time_watch import TimeWatch
-from bench.record.benchfile import BenchFile
+from bench.record.benchfile import BenchFile, require_quantities
 from bench.record.events import Event
 from bench.record.events.run import (
     Alarm,
+    Basis,
     Invalid,
     Measured,
     Note,
@@ -122,14 +123,15 @@ class Bench:
 
     def measure(
         self, name: str, value: float, unit: str, *, low: float | None = None,
-        high: float | None = None, gyro: str | None = None,
+        high: float | None = None, gyro: str | None = None, basis: Basis | None = None,
     ) -> bool:  # fmt: skip
         """Record a value against optional limits, `gyro`'s or (None) every unit's; return whether it is inside.
-        Without limits `passed` of the record is None, never a pass. ConfigurationError for a gyro not there.
-        """
+        Without limits `passed` of the record is None, never a pass. `basis`: what its uncertainty follows from.
+        ConfigurationError for a gyro not there, or for an input of the basis that no bench has."""
         if gyro is not None and gyro not in self.gyros:
             raise ConfigurationError("no gyro to measure that of", where=name, found=repr(gyro))
-        self.measurements.append(measured := Measured.against(name, value, unit, low, high, gyro))
+        require_quantities(basis.inputs if basis else (), name)
+        self.measurements.append(measured := Measured.against(name, value, unit, low, high, gyro, basis))
         self.event(measured)
         return measured.passed is not False
 
@@ -267,9 +269,7 @@ class Bench:
     def units_off(self) -> Iterator[None]:
         """Take what the units do not send meanwhile for intended: they are switched off and on again.
 
-        Neither their silence nor the gap in their streams counts against them. The two events that enclose it
-        tell the decoder of the record.
-        """
+        Neither their silence nor the gap in their streams counts against them; two events tell the decoder."""
         for unit in self.units:
             unit.power_off()
         self.event(UnitsOff())

@@ -56,7 +56,7 @@ class Record:
         self.chamber = SimpleNamespace(history=air)
         self.rows, self.reasons = {}, []
 
-    def measure(self, name, value, unit, *, low=None, high=None):
+    def measure(self, name, value, unit, *, low=None, high=None, gyro=None, basis=None):
         self.rows[name] = value
         return (low is None or value >= low) and (high is None or value <= high)
 

@@ -1,9 +1,10 @@
 """The uncertainty budget of what a procedure measured: air temperatures, shock rates, angles, outputs at rest.
 
-Each follows from the measurement's definition in closed form. A temperature is what its sensor shows less the
-sensor's error. A rate of change is a difference of two readings over the time between them; the sensor's errors
-at both ends of a fall are independent, and over a part of the fall its error changes by that part. An output at
-rest has the scatter of its 10 s means. Readings are rounded by the telemetry: the smallest step seen is the step.
+The procedure says what each number rests on (`Basis`), and its inputs follow in closed form. A temperature is
+what its sensor shows less the sensor's error. A rate of change is a difference of two readings over the time
+between them; the sensor's errors at both ends of a fall are independent, and over a part of the fall its error
+changes by that part. An output at rest has the scatter of its 10 s means. Readings are rounded by the telemetry:
+the smallest step seen is the step.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 from bench.analysis.common.bench_errors import EAST_ORIGIN, BenchErrors
 from bench.analysis.common.uncertainty import Budget, Contribution
 from bench.record.benchfile import calibrations_of
-from bench.record.events.run import Measured
+from bench.record.events.run import Basis, Measured, Source
 from bench.record.recording import Run, seconds
 from drivers.base.arrays import Array
 from drivers.base.errors import RecordError
@@ -26,19 +27,14 @@ from drivers.base.errors import RecordError
 _BLOCK_S = 10.0
 _LEAST_BLOCKS = 3
 _PPM = 1e-6
-_TENTH_TO_NINE = 0.8
-"""Part of the fall between its 10 and 90 % points."""
 
 
 @dataclass(frozen=True)
 class _Taken:
-    """A measurement and the stretch of its record that it was made of.
-
-    That is the phase it was written down in, up to then; of a shock, which is judged in the soak, all since it
-    began.
-    """
+    """A measurement and the stretch of its record that it was made of."""
 
     value: float
+    item: Measured
     start_s: float
     end_s: float
     run: Run
@@ -65,7 +61,7 @@ class _Taken:
 
 
 def procedure_budgets(run: Run) -> dict[str, Budget]:
-    """Return the budget of every measurement of a run's procedure that has one, by its name.
+    """Return the budget of every measurement of a run's procedure that says what it rests on, by its name.
 
     The units are those of the measurement. Of a name that was measured twice the last counts. Settings, counts
     and verdicts of a procedure have no budget, nor have the figures of a standard test here: those are figures
@@ -76,47 +72,39 @@ def procedure_budgets(run: Run) -> dict[str, Budget]:
     phases = run.phases()
     found: dict[str, Budget] = {}
     for at_s, item in run.of(Measured):
-        rule = _rule_of(item)
-        if rule is None or item.value is None or not math.isfinite(item.value):
+        basis = item.basis
+        if basis is None or item.value is None or not math.isfinite(item.value):
             continue
-        begun = [
-            phase.start_s
-            for phase in phases
-            if phase.start_s < at_s and (phase.name == "shock" or not item.name.startswith("shock_"))
-        ]
-        start_s = begun[-1] if begun else 0.0
+        start_s = basis.since_s
+        if start_s is None:
+            start_s = max((phase.start_s for phase in phases if phase.start_s < at_s), default=0.0)
+        taken = _Taken(item.value, item, start_s, at_s, run, bench)
         with suppress(RecordError):  # a record without that table
-            if inputs := tuple(rule(_Taken(item.value, start_s, at_s, run, bench))):
+            if inputs := tuple(_inputs(taken, basis)):
                 found[item.name] = Budget(item.value, inputs)
     return found
 
 
-def _rule_of(item: Measured) -> Callable[[_Taken], Iterator[Contribution]] | None:
-    if item.name in _RULES:
-        return _RULES[item.name]
-    if item.name.startswith("heading_"):
-        return _heading
-    return _unit_temperature if item.name.endswith("_temperature") else None
+def _inputs(taken: _Taken, basis: Basis) -> Iterator[Contribution]:
+    if basis.standard_error is not None:
+        unit = taken.item.unit
+        yield Contribution("noise", basis.standard_error, 1.0, unit, kind="A", origin="the procedure")
+    if basis.of is not None:
+        yield from _RULES[basis.of](taken)
+    for quantity, sensitivity in basis.inputs.items():
+        yield taken.bench.of(quantity, sensitivity)
 
 
-def _rate_of_fall(taken: _Taken, over_c: Callable[[float], float]) -> Iterator[Contribution]:
-    """rate = fall between two readings, `over_c` of the whole fall, over the time between them."""
+def _rate_of_fall(taken: _Taken) -> Iterator[Contribution]:
+    """rate = fall between two readings, a part of the whole fall, over the time between them."""
     air_c = taken.air_c()
-    fall_c = float(air_c[0] - air_c.min()) if len(air_c) else 0.0
-    if fall_c > 0.0 and taken.value > 0.0:
-        yield taken.bench.of("air_temp_c", taken.value / fall_c, difference=True)
-        yield from taken.resolution(taken.value / over_c(fall_c), 2)
+    fall_k = float(air_c[0] - air_c.min()) if len(air_c) else 0.0
+    if fall_k > 0.0 and taken.value > 0.0:
+        assert taken.item.basis is not None
+        change_k = taken.item.basis.change_k or fall_k
+        yield taken.bench.of("air_temp_c", taken.value / fall_k, difference=True)
+        yield from taken.resolution(taken.value / change_k, 2)
         yield taken.bench.of("time_base_ppm", taken.value * _PPM)
-
-
-def _mean_rate_of_fall(taken: _Taken) -> Iterator[Contribution]:
-    """From 10 to 90 % of the fall."""
-    yield from _rate_of_fall(taken, lambda fall_c: _TENTH_TO_NINE * fall_c)
-
-
-def _steepest_fall(taken: _Taken) -> Iterator[Contribution]:
-    """Within 60 s: as many K as K/min."""
-    yield from _rate_of_fall(taken, lambda _: taken.value)
 
 
 def _air(taken: _Taken) -> Iterator[Contribution]:
@@ -129,12 +117,9 @@ def _unit_temperature(taken: _Taken) -> Iterator[Contribution]:
 
 
 def _output(taken: _Taken) -> Iterator[Contribution]:
-    """The mean of a unit's output: what its 10 s means scatter."""
-    means = min(
-        (_block_means_dph(taken, gyro) for gyro in taken.run.gyros),
-        key=lambda each: abs(float(each.mean()) - taken.value) if len(each) else math.inf,
-        default=np.zeros(0),
-    )
+    """The mean of a gyro's output: what its 10 s means scatter."""
+    gyro = taken.item.gyro
+    means = _block_means_dph(taken, gyro) if gyro in taken.run.gyros and gyro is not None else np.zeros(0)
     if len(means) >= _LEAST_BLOCKS:
         standard = float(means.std(ddof=1)) / math.sqrt(len(means))
         yield Contribution(
@@ -188,18 +173,14 @@ def _rate(taken: _Taken) -> Iterator[Contribution]:
     yield taken.bench.of("table_rate_ppm", -taken.value * _PPM)
 
 
-_RULES: Mapping[str, Callable[[_Taken], Iterator[Contribution]]] = {
-    "shock_rate_10_90": _mean_rate_of_fall,
-    "shock_steepest_60s": _steepest_fall,
-    "shock_lowest_air": _air,
-    "air": _air,
-    "found_air": _air,
-    "reference_output": _output,
-    "output_at_rest": _output,
-    "azimuth_error": _azimuth,
-    "east_table_angle": _east,
-    "found_angle": _angle,
-    "angle_error": _angle,
-    "found_rate": _rate,
-    "rate": _rate,
+_RULES: Mapping[Source, Callable[[_Taken], Iterator[Contribution]]] = {
+    "air_temperature": _air,
+    "air_rate": _rate_of_fall,
+    "unit_temperature": _unit_temperature,
+    "gyro_output": _output,
+    "axis_azimuth": _azimuth,
+    "east_angle": _east,
+    "table_angle": _angle,
+    "table_rate": _rate,
+    "heading": _heading,
 }

@@ -1,6 +1,6 @@
 """The bench file: which devices stand on which ports, and the limits of the place."""
 
-from bench.record.benchfile._calibration import Calibration, calibrations_of, overdue
+from bench.record.benchfile._calibration import Calibration, calibrations_of, overdue, require_quantities
 from bench.record.benchfile._load import bench_file_from, bench_file_text, load_bench_file
 from bench.record.benchfile._model import (
     Band,
@@ -26,4 +26,5 @@ __all__ = [
     "calibrations_of",
     "load_bench_file",
     "overdue",
+    "require_quantities",
 ]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import datetime
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
-from drivers.base.errors import RecordError
+from drivers.base.errors import ConfigurationError, RecordError
 
 Quantity = Literal[
     "time_base_ppm",
@@ -65,6 +65,17 @@ class Calibration(BaseModel):
     def standard_uncertainty(self) -> float:
         """U / k, or the half width over the divisor of its distribution."""
         return self.uncertainty / DIVISORS.get(self.distribution, self.k or 2.0)
+
+
+def require_quantities(names: Iterable[str], where: str) -> None:
+    """Raise ConfigurationError for names that are no quantity of a bench."""
+    if unknown := sorted(set(names) - set(get_args(Quantity))):
+        raise ConfigurationError(
+            "no such quantity of a bench",
+            where=where,
+            found=", ".join(unknown),
+            expected=", ".join(get_args(Quantity)),
+        )
 
 
 def overdue(calibrations: Sequence[Calibration], utc: str) -> list[Calibration]:

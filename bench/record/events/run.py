@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any, Literal
 
@@ -60,6 +60,38 @@ class Answer(Event, kind="answer"):
     role: Role | None = None
 
 
+Source = Literal[
+    "air_temperature",
+    "air_rate",
+    "unit_temperature",
+    "gyro_output",
+    "axis_azimuth",
+    "east_angle",
+    "table_angle",
+    "table_rate",
+    "heading",
+]
+"""What a measured number was read from: its uncertainty follows from that."""
+
+
+@dataclass(frozen=True)
+class Basis:
+    """What a measured number rests on, for its uncertainty budget (JCGM 100).
+
+    `of`: what it was read from. `since_s`: where the stretch of the record begins that it was made of, up to when
+    it is written down; None for the phase that is then. `change_k`: of an `air_rate`, how far the air fell
+    between the two readings that it is made of, None for the whole fall. `standard_error`: that of the number
+    itself, by repeats, in its unit. `inputs`: quantity of the bench's `[[calibration]]` -> how the number is to
+    be corrected, in its unit, for each unit that the instrument shows too much.
+    """
+
+    of: Source | None = None
+    since_s: BenchTime | None = None
+    change_k: Number | None = None
+    standard_error: Number | None = None
+    inputs: dict[str, Number] = field(default_factory=dict)
+
+
 class Measured(Event, kind="measurement"):
     """A measured number; `passed` is None where there are no limits: nothing was judged.
 
@@ -73,6 +105,7 @@ class Measured(Event, kind="measurement"):
     high: Number | None
     passed: Flag | None
     gyro: str | None = None
+    basis: Basis | None = None
 
     @classmethod
     def against(
@@ -83,10 +116,12 @@ class Measured(Event, kind="measurement"):
         low: float | None,
         high: float | None,
         gyro: str | None = None,
+        basis: Basis | None = None,
     ) -> Measured:
         """Return a value judged by its limits, which are inside themselves; NaN is outside of any."""
         inside = (low is None or value >= low) and (high is None or value <= high)
-        return cls(name, value, unit, low, high, None if low is None and high is None else inside, gyro)
+        passed = None if low is None and high is None else inside
+        return cls(name, value, unit, low, high, passed, gyro, basis)
 
 
 class Series(Event, kind="series"):

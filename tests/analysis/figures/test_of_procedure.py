@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.figures import procedure_budgets
-from bench.record.events.run import Measured
+from bench.record.events.run import Basis, Measured
 from bench.record.recording import Phase, Run
 from drivers.base.errors import RecordError
 from procedures._cold_shock import shock_rate_k_per_min
@@ -72,9 +72,17 @@ class Recorded:
         }
 
 
-def budget(at_s: float, name: str, value: float, unit: str, *, low: float | None = None, **run: Any) -> Any:
-    item = Measured.against(name, value, unit, low, None)
-    return procedure_budgets(cast(Run, Recorded([(at_s, item)], **run))).get(name)
+FALL = Basis("air_rate", since_s=100.0, change_k=0.8 * 70.0)
+MINUTE = Basis("air_rate", since_s=100.0, change_k=70.0 / 6.0)
+AIR = Basis("air_temperature", since_s=100.0)
+OUTPUT = Basis("gyro_output", since_s=0.0)
+
+
+def budget(
+    at_s: float, basis: Basis | None, value: float, unit: str, gyro: str | None = None, **run: Any
+) -> Any:
+    item = Measured.against("mine", value, unit, None, None, gyro, basis)
+    return procedure_budgets(cast(Run, Recorded([(at_s, item)], **run))).get("mine")
 
 
 @pytest.mark.parametrize("steepest", [False, True])
@@ -88,8 +96,8 @@ def test_shock_rates_scatter_as_their_budgets_say(steepest: bool) -> None:
         clock = 1.0 + rng.normal(0.0, 200e-6)
         found = shock_rate_k_per_min(TIME_S[100:] * clock, np.round(shown[100:], 1))
         rates.append(found[steepest])
-    name = ("shock_rate_10_90", "shock_steepest_60s")[steepest]
-    told = budget(1000.0, name, 70.0 / 6.0, "K/min", air_c=np.round(AIR_C, 1), calibrations=certificates)
+    basis = MINUTE if steepest else FALL
+    told = budget(1000.0, basis, 70.0 / 6.0, "K/min", air_c=np.round(AIR_C, 1), calibrations=certificates)
     share = {item.source: told.share(item) for item in told.contributions}
     assert set(share) == {"air_temp_c", "air_reading_step_c", "time_base_ppm"}
     # rounding: the crossings are readings themselves, so a tenth of a kelvin is a good part of it
@@ -97,13 +105,14 @@ def test_shock_rates_scatter_as_their_budgets_say(steepest: bool) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "over_c"), [("shock_rate_10_90", 0.8 * 70.0), ("shock_steepest_60s", 70.0 / 6.0)]
+    ("basis", "over_c"),
+    [(FALL, 0.8 * 70.0), (MINUTE, 70.0 / 6.0), (Basis("air_rate", since_s=100.0), 70.0)],
 )
-def test_a_shock_rates_inputs_by_hand(name: str, over_c: float) -> None:
+def test_a_shock_rates_inputs_by_hand(basis: Basis, over_c: float) -> None:
     """70 K at 11.67 K/min read in steps of 0.1 K; each of two readings is off by 0.1 K / sqrt(12)."""
     rate = 70.0 / 6.0
     told = budget(
-        1000.0, name, rate, "K/min", air_c=np.round(AIR_C, 1), calibrations=[calibration("air_temp_c", 0.6)]
+        1000.0, basis, rate, "K/min", air_c=np.round(AIR_C, 1), calibrations=[calibration("air_temp_c", 0.6)]
     )
     parts = {item.source: item.uncertainty for item in told.contributions}
     # the difference of two readings over the time between them, which is over_c / rate
@@ -114,34 +123,47 @@ def test_a_shock_rates_inputs_by_hand(name: str, over_c: float) -> None:
 
 def test_the_lowest_air_is_the_reading_less_its_sensors_error() -> None:
     certificates = [calibration("air_temp_c", 0.5, error=0.3)]
-    told = budget(
-        1000.0, "shock_lowest_air", -45.0, "degC", calibrations=certificates, air_c=np.round(AIR_C, 1)
-    )
+    told = budget(1000.0, AIR, -45.0, "degC", calibrations=certificates, air_c=np.round(AIR_C, 1))
     assert told.value == pytest.approx(-45.3)
     assert told.combined == pytest.approx(math.hypot(0.25, 0.1 / math.sqrt(12.0)), rel=1e-6)
 
 
 def test_a_bench_without_a_certificate_has_a_resistor_of_class_b() -> None:
     """IEC 60751: 0.3 degC + 0.005 |t|, 0.5 degC at -40 degC, taken as the half width of a flat distribution."""
-    told = budget(1000.0, "shock_lowest_air", -45.0, "degC")
+    told = budget(1000.0, AIR, -45.0, "degC")
     assert told.contributions[0].standard == pytest.approx((0.3 + 0.005 * 40.0) / math.sqrt(3.0))
     assert told.contributions[0].origin == "assumed" and told.contributions[0].unit == "degC"
 
 
-def test_a_shock_is_that_of_its_phase_and_not_of_the_soak_it_is_judged_in() -> None:
+def test_a_number_is_of_its_stretch_or_else_of_the_phase_it_is_written_down_in() -> None:
     """The soak alone falls by nothing; with the shock it is 70 K."""
-    told = budget(1000.0, "shock_rate_10_90", 11.667, "K/min", calibrations=[calibration("air_temp_c", 0.6)])
+    told = budget(1000.0, FALL, 11.667, "K/min", calibrations=[calibration("air_temp_c", 0.6)])
     assert told.contributions[0].sensitivity == pytest.approx(11.667 / 70.0, rel=1e-3)
+    assert budget(1000.0, Basis("air_rate"), 11.667, "K/min") is None
+    half = budget(280.0, Basis("air_rate"), 11.667, "K/min")  # in the middle of the fall
+    assert half.contributions[0].sensitivity == pytest.approx(11.667 / 35.0, rel=0.01)
 
 
-@pytest.mark.parametrize("name", ["reference_output", "output_at_rest"])
-def test_a_mean_output_has_the_standard_error_of_its_ten_second_means(name: str) -> None:
+def test_a_procedure_of_ones_own_says_its_inputs() -> None:
+    """A scale factor by the clock and the table, 3 ppm of scatter: 50 and 10 ppm are half widths."""
+    own = Basis(standard_error=3.0, inputs={"time_base_ppm": -1.0, "table_rate_ppm": 1.0})
+    told = budget(50.0, own, 120.0, "ppm")
+    parts = {item.source: item for item in told.contributions}
+    assert told.combined == pytest.approx(math.hypot(3.0, 50.0 / math.sqrt(3.0), 10.0 / math.sqrt(3.0)))
+    assert (parts["noise"].kind, parts["noise"].unit) == ("A", "ppm")
+    known = budget(50.0, own, 120.0, "ppm", calibrations=[calibration("time_base_ppm", 2.0, error=20.0)])
+    assert known.value == pytest.approx(100.0)  # a clock that is fast: more output a second than there is
+    both = budget(50.0, Basis("unit_temperature", inputs={"air_temp_c": 0.5}), 25.0, "degC")
+    assert {item.source for item in both.contributions} == {"unit_temp_c", "air_temp_c"}
+
+
+def test_a_mean_output_has_the_standard_error_of_its_ten_second_means() -> None:
     """White noise of s per sample: s / sqrt(n) of the mean of n, with nine degrees of freedom of ten blocks."""
     rng, off, told = np.random.default_rng(5), [], None
     for _ in range(300):
         rate_dps = rng.normal(0.01, 1e-3, len(TIME_S))
         mean = 3600.0 * float(rate_dps[:100].mean())
-        told = budget(100.0, name, mean, "deg/h", rate_dps=rate_dps)
+        told = budget(100.0, OUTPUT, mean, "deg/h", "fog", rate_dps=rate_dps)
         off.append((mean - 36.0) / told.combined)
     assert told is not None and told.contributions[0].freedom == 9
     # Student's t of nine degrees of freedom has the standard deviation sqrt(9 / 7)
@@ -149,15 +171,21 @@ def test_a_mean_output_has_the_standard_error_of_its_ten_second_means(name: str)
 
 
 def test_a_mean_output_of_two_blocks_has_no_budget() -> None:
-    measured = [(125.0, Measured.against("output_at_rest", 36.0, "deg/h", None, None))]
-    assert procedure_budgets(cast(Run, Recorded(measured, rate_dps=np.full(len(TIME_S), 0.01)))) == {}
+    rate_dps = np.full(len(TIME_S), 0.01)
+    assert budget(25.0, OUTPUT, 36.0, "deg/h", "fog", rate_dps=rate_dps) is None
+    assert budget(35.0, OUTPUT, 36.0, "deg/h", "fog", rate_dps=rate_dps) is not None
+    # nor has one of a gyro that nobody named, or that has no table
+    assert budget(35.0, OUTPUT, 36.0, "deg/h", rate_dps=rate_dps) is None
+    assert budget(35.0, OUTPUT, 36.0, "deg/h", "other", rate_dps=rate_dps) is None
 
 
 @pytest.mark.parametrize(("limit", "sigma_deg"), [(2.0, 0.4), (None, 2.0 / math.sqrt(3.0))])
 def test_east_is_as_sure_as_what_it_rests_on(limit: float | None, sigma_deg: float) -> None:
     """An azimuth error that was judged was taken off; with one too doubtful the axis is where hands set it."""
-    error = Measured.against("azimuth_error", 0.5, "deg", limit and -limit, limit)
-    east = Measured.against("east_table_angle", 89.5, "deg", None, None)
+    error = Measured.against(
+        "azimuth_error", 0.5, "deg", limit and -limit, limit, None, Basis("axis_azimuth")
+    )
+    east = Measured.against("east_table_angle", 89.5, "deg", None, None, None, Basis("east_angle"))
     run = Recorded([(50.0, error), (60.0, east)], doubt_deg=0.8, latitude_deg=60.0)
     told = procedure_budgets(cast(Run, run))
     assert told["east_table_angle"].combined == pytest.approx(sigma_deg, rel=0.01)
@@ -170,10 +198,12 @@ def test_east_is_as_sure_as_what_it_rests_on(limit: float | None, sigma_deg: flo
 
 def test_angles_rates_and_temperatures_have_their_instruments() -> None:
     items = [
-        ("heading_1", 90.0, "deg"), ("found_angle", 3.0, "deg"), ("found_rate", 2.0, "deg/s"),
-        ("fog_temperature", 25.0, "degC"), ("air", 25.0, "degC"), ("azimuth_error_2_sigma", 0.1, "deg"),
+        ("heading_1", 90.0, "deg", Basis("heading")), ("found_angle", 3.0, "deg", Basis("table_angle")),
+        ("found_rate", 2.0, "deg/s", Basis("table_rate")),
+        ("fog_temperature", 25.0, "degC", Basis("unit_temperature")),
+        ("air", 25.0, "degC", Basis("air_temperature")), ("azimuth_error_2_sigma", 0.1, "deg", None),
     ]  # fmt: skip
-    run = Recorded([(50.0, Measured.against(*item, None, None)) for item in items])
+    run = Recorded([(50.0, Measured.against(*item, None, None, None, basis)) for *item, basis in items])
     told = procedure_budgets(cast(Run, run))
     assert {name: {part.source for part in found.contributions} for name, found in told.items()} == {
         "heading_1": {"table_angle_deg", "azimuth_deg"},
@@ -186,6 +216,7 @@ def test_angles_rates_and_temperatures_have_their_instruments() -> None:
 
 
 def test_what_is_not_known_has_no_budget() -> None:
-    assert budget(50.0, "air", math.nan, "degC") is None
-    assert budget(1000.0, "shock_lowest_air", -45.0, "degC", air_c=None) is None
-    assert budget(1000.0, "shock_rate_10_90", 0.0, "K/min") is None
+    assert budget(50.0, AIR, math.nan, "degC") is None
+    assert budget(1000.0, AIR, -45.0, "degC", air_c=None) is None
+    assert budget(1000.0, FALL, 0.0, "K/min") is None
+    assert budget(50.0, None, 25.0, "degC") is None and budget(50.0, Basis(), 25.0, "degC") is None
