@@ -144,6 +144,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
             "tests/analysis/thermal/test_thermal_choices_by_hand test_thermal_models_by_hand",
             "tests/analysis/thermal/test_evaluate test_features test_linear_models test_compensation",
             "tests/analysis/thermal/test_scale_factor test_grey_box test_thermal_by_hand test_leave_out",
+            "tests/analysis/thermal/test_thermal_study test_dataset",
             "tests/analysis/export/test_c_header",
         ),
         _part("bench/analysis/rlg/_cycle", "tests/analysis/rlg/test_rlg_by_hand test_rlg_cycle"),
@@ -155,7 +156,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
         _part(
             "bench/analysis/figures/*",
             "tests/analysis/figures/test_figures_by_hand test_figures_parts_by_hand test_standards test_budget",
-            "tests/analysis/figures/test_estimates test_standard_run",
+            "tests/analysis/figures/test_estimates test_standard_run test_of_procedure",
         ),
     ),
     "gap": (
