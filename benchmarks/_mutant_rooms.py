@@ -111,8 +111,8 @@ ROOMS: dict[str, tuple[Part, ...]] = {
     "fits": (
         _part(
             "bench/analysis/common/allan*",
-            "tests/analysis/common/test_allan",
-            "tests/analysis/figures/test_figures_by_hand test_figures_parts_by_hand",
+            "tests/analysis/common/test_allan test_allan_by_hand",
+            "tests/analysis/figures/test_figures_by_hand test_figures_parts_by_hand test_figures_edges_by_hand",
         ),
         _part(
             "bench/analysis/thermal/_dataset",
@@ -123,40 +123,52 @@ ROOMS: dict[str, tuple[Part, ...]] = {
             "bench/analysis/thermal/_grey_box _diffusion",
             "tests/analysis/thermal/test_grey_box test_thermal_by_hand",
             "tests/analysis/thermal/test_thermal_choices_by_hand test_thermal_models_by_hand",
+            "tests/analysis/thermal/test_thermal_edges_by_hand",
         ),
         _part(
             "bench/analysis/thermal/_hybrid _sum",
             "tests/analysis/thermal/test_compensation test_hybrid test_thermal_by_hand",
             "tests/analysis/thermal/test_thermal_choices_by_hand test_thermal_models_by_hand",
+            "tests/analysis/thermal/test_thermal_edges_by_hand",
         ),
         _part(
             "bench/analysis/thermal/_lstm*",
             "tests/analysis/thermal/test_lstm test_thermal_by_hand",
             "tests/analysis/thermal/test_thermal_choices_by_hand test_thermal_models_by_hand",
+            "tests/analysis/thermal/test_thermal_edges_by_hand",
         ),
         _part(
             "bench/analysis/thermal/_scale_factor",
             "tests/analysis/thermal/test_scale_factor test_thermal_choices_by_hand test_thermal_models_by_hand",
+            "tests/analysis/thermal/test_thermal_edges_by_hand",
         ),
-        _part("bench/analysis/common/stepwise", "tests/analysis/common/test_stepwise test_strd"),
+        _part(
+            "bench/analysis/common/stepwise",
+            "tests/analysis/common/test_stepwise test_stepwise_by_hand test_strd",
+        ),
         _part(
             "bench/analysis/thermal/*",
             "tests/analysis/thermal/test_thermal_choices_by_hand test_thermal_models_by_hand",
             "tests/analysis/thermal/test_evaluate test_features test_linear_models test_compensation",
             "tests/analysis/thermal/test_scale_factor test_grey_box test_thermal_by_hand test_leave_out",
-            "tests/analysis/thermal/test_thermal_study test_dataset",
+            "tests/analysis/thermal/test_thermal_edges_by_hand test_thermal_study test_dataset",
             "tests/analysis/export/test_c_header",
         ),
-        _part("bench/analysis/rlg/_cycle", "tests/analysis/rlg/test_rlg_by_hand test_rlg_cycle"),
+        _part(
+            "bench/analysis/rlg/_cycle",
+            "tests/analysis/rlg/test_rlg_by_hand test_rlg_edges_by_hand test_rlg_cycle",
+        ),
         _part(
             "bench/analysis/rlg/*",
-            "tests/analysis/rlg/test_rlg_by_hand test_rlg_ramp test_rlg_report test_rlg_study test_rlg_profile",
+            "tests/analysis/rlg/test_rlg_by_hand test_rlg_edges_by_hand",
+            "tests/analysis/rlg/test_rlg_ramp test_rlg_report test_rlg_study test_rlg_profile",
             "tests/analysis/thermal/test_thermal_by_hand",
         ),
         _part(
             "bench/analysis/figures/*",
             "tests/analysis/figures/test_figures_by_hand test_figures_parts_by_hand test_standards test_budget",
-            "tests/analysis/figures/test_estimates test_standard_run test_of_procedure",
+            "tests/analysis/figures/test_figures_edges_by_hand test_of_procedure test_of_procedure_by_hand",
+            "tests/analysis/figures/test_estimates test_standard_run",
         ),
     ),
     "gap": (
