@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from bench.analysis.common.stepwise import _lag1_correlation, _whitened, cochrane_orcutt_rho
+from bench.analysis.common.stepwise import _lag1_correlation, _next_move, _whitened, cochrane_orcutt_rho
 from drivers.base.errors import ConfigurationError
 
 
@@ -83,3 +85,29 @@ def test_neighbours_are_of_one_run_and_differences_of_them():
     x, y, labels = _whitened(left[:, None], 10.0 * left, parts, 0.5)
     assert x[:, 0].tolist() == [1.5, -2.0, 0.5] and y.tolist() == [15.0, -20.0, 5.0]
     assert labels.tolist() == [4, 4, 1]
+
+
+@pytest.mark.parametrize(
+    ("p_values", "inside", "move"),
+    [
+        ([0.5, 0.0, 0.0, 0.2], [], ("enter", 1)),
+        ([0.04, 0.01, 0.03, 0.01], [], ("enter", 1)),
+        ([0.01 * (1.0 + 1e-7), 0.01, 0.2, 0.3], [], ("enter", 0)),
+        ([0.01 * (1.0 + 1e-5), 0.01, 0.2, 0.3], [], ("enter", 1)),
+        ([0.05, 0.06, 0.2, 0.3], [], None),
+        ([np.nan, 0.06, 0.2, 0.04], [], ("enter", 3)),
+        ([0.3, 0.06, 0.4, 0.2], [0, 2], ("remove", 2)),
+        ([0.4 * (1.0 - 1e-7), 0.06, 0.4, 0.2], [0, 2], ("remove", 0)),
+        ([0.4 * (1.0 - 1e-5), 0.06, 0.4, 0.2], [0, 2], ("remove", 2)),
+        ([0.3, 0.04, 0.4, 0.2], [0, 2], ("enter", 1)),
+        ([0.1, 0.05, 0.1, 0.1], [0, 2], None),
+        ([0.0, 0.0, 0.0, 0.0], [0, 1, 2, 3], None),
+    ],
+)
+def test_the_likeliest_term_enters_before_the_least_likely_leaves_and_of_equal_ones_the_first(
+    p_values, inside, move
+):
+    """Limits of 0.05 and 0.10, which themselves move nothing; a probability may have run out of digits."""
+    included = np.isin(np.arange(4), inside)
+    step = SimpleNamespace(included=included, p_value=np.array(p_values))
+    assert _next_move(step, 0.05, 0.10) == move

@@ -8,10 +8,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.optimize import isotonic_regression
 
 from bench.analysis.common.allan_noise import NoiseCoefficients
 from bench.analysis.figures import Figure, StandardFigures, _from_run
-from bench.analysis.figures._bias import RateStep, _course, temperature_sensitivity, threshold
+from bench.analysis.figures._bias import RateStep, _course, temperature_sensitivity, threshold, warm_up_time_s
 from bench.analysis.figures._estimate import Estimate, largest, linear, spread
 from bench.analysis.figures._from_run import figures_of_unit, standard_figures
 from bench.analysis.figures._parts import PARTS
@@ -219,3 +220,28 @@ def test_bias_over_temperature_is_less_the_vertical_earth_rate_and_over_its_own_
     assert bias.value == pytest.approx(0.02, rel=1e-3)
     assert (scale.value, scale.unit) == (pytest.approx(5.0, rel=1e-3), "ppm/degC")
     assert bias.source == scale.source == "GJB 2426A" and bias.seen and scale.seen
+
+
+def test_a_warm_up_is_as_sure_as_walks_of_that_size_leave_it():
+    """Walks summed second by second about the same course, each judged by its own nearest falling course."""
+    walk, blocks, tolerance = 3.0, 12, 1.0
+    course = 6.0 * np.exp(-np.arange(blocks) / 2.5)
+    output = np.repeat(course, 100)
+    found = warm_up_time_s(output, tolerance, NoiseCoefficients(0.0, 0.0, 0.0, walk, 0.0))
+    outside = np.flatnonzero(course - course[-3:].mean() > tolerance)[-1] + 1
+    assert found.value == 100.0 * outside and found.seen
+    rng, times = np.random.default_rng(8), []
+    for _ in range(1500):
+        steps = rng.normal(0.0, walk / 60.0, 100 * blocks)
+        means = course + np.cumsum(steps).reshape(blocks, 100).mean(axis=1)
+        nearest = min(
+            (isotonic_regression(means, increasing=rising).x for rising in (True, False)),
+            key=lambda each: np.sum((each - means) ** 2),
+        )
+        late = np.flatnonzero(np.abs(nearest - means[-3:].mean()) > tolerance)
+        times.append(late[-1] + 1 if len(late) else 0)
+    low, high = 100.0 * np.quantile(times, [0.025, 0.975])
+    assert low < found.value < high
+    assert found.low == pytest.approx(low - 50.0, abs=100.0) and found.high == pytest.approx(
+        high + 50.0, abs=100.0
+    )

@@ -13,6 +13,7 @@ import torch
 from bench.analysis.thermal._anchor import anchor_runs
 from bench.analysis.thermal._diffusion import NODES
 from bench.analysis.thermal._evaluate import noise_floor
+from bench.analysis.thermal._features import centred_mean
 from bench.analysis.thermal._grey_box import (
     _HIGH,
     _LOW,
@@ -192,3 +193,15 @@ def test_a_unit_of_scale_factor_groups_alone_is_fitted_in_full():
     assert np.isinf(scores[:, 0]).all() and scores[0, 1] == pytest.approx(0.55, abs=0.1)
     # of one run alone nothing is left to be fitted when it is left out
     assert np.isinf(_left_out_scores(terms[:1], noisy[:1])).all()
+
+
+@pytest.mark.parametrize(
+    ("known", "there"), [([0, 3], True), ([1], False), ([2, 3], True), ([0, 1, 2], True)]
+)
+def test_at_the_end_of_a_series_half_of_the_window_that_there_is_will_do(known, there):
+    """Of five around the second sample there are four: two of them are enough, at either end."""
+    values = np.full(30, np.nan)
+    values[known] = np.array([3.0, 5.0, 10.0])[: len(known)]
+    found = centred_mean(values, 5)[1]
+    assert (found == pytest.approx(np.nanmean(values))) if there else math.isnan(found)
+    assert centred_mean(values[::-1].copy(), 5)[-2] == pytest.approx(found, nan_ok=True)
