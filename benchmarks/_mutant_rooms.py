@@ -118,6 +118,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
             "bench/analysis/thermal/_dataset",
             "tests/analysis/thermal/test_dataset test_scale_factor test_thermal_by_hand",
             "tests/analysis/thermal/test_thermal_choices_by_hand test_thermal_models_by_hand",
+            "tests/analysis/thermal/test_thermal_edges_by_hand",
         ),
         _part(
             "bench/analysis/thermal/_grey_box _diffusion",

@@ -31,6 +31,20 @@ def test_a_short_record_is_of_all_starts_and_asked_for_few_of_sixteen():
     assert few.terms[5] == (4096 - 64) // 2 + 1
 
 
+@pytest.mark.parametrize("behind", [1, 5, 100, 255])
+def test_a_few_samples_behind_the_last_block_begin_no_differences_that_they_cannot_end(behind):
+    """Three blocks of starts, and what is left of the record: sums that do not reach their length are none."""
+    count = 3 * 32768 + behind
+    values = np.random.default_rng(behind).normal(size=count)
+    few = allan_deviation(values, 1.0, all_starts=False)
+    angle = np.concatenate(([0.0], np.cumsum(values)))
+    for m, value, terms in zip(2 ** np.arange(len(few.tau_s)), few.deviation, few.terms, strict=True):
+        start = np.arange(0, count - 2 * m + 1, max(1, m // 16))
+        second = angle[start + 2 * m] - 2.0 * angle[start + m] + angle[start]
+        assert terms == len(start), m
+        assert value == pytest.approx(np.sqrt(np.mean(second**2) / 2.0) / m, rel=1e-9), m
+
+
 @pytest.mark.parametrize(
     ("alpha", "first", "second"),
     [(2, -2.0 / 3.0, 1.0 / 6.0), (0, -0.5, 0.0), (-2, 0.25, 0.0),

@@ -13,6 +13,7 @@ from scipy.optimize import isotonic_regression
 from bench.analysis.common.allan_noise import NoiseCoefficients
 from bench.analysis.figures import Figure, StandardFigures, _from_run
 from bench.analysis.figures._bias import RateStep, _course, temperature_sensitivity, threshold, warm_up_time_s
+from bench.analysis.figures._budget import with_budgets
 from bench.analysis.figures._estimate import Estimate, largest, linear, spread
 from bench.analysis.figures._from_run import figures_of_unit, standard_figures
 from bench.analysis.figures._parts import PARTS
@@ -20,6 +21,7 @@ from bench.analysis.figures._record import MOST_SAMPLES, _whole
 from bench.analysis.figures._scale_factor import RateSequence, scale_factor_figures
 from bench.record.events.run import Interval
 from drivers.base.errors import ConfigurationError, RecordError
+from tests.analysis.figures.test_figures_by_hand import Plan, clock
 from tests.analysis.figures.test_figures_parts_by_hand import Rows, record_of, rest
 
 QUIET = NoiseCoefficients(0.0, 1e-6, 0.0, 0.0, 0.0)
@@ -245,3 +247,26 @@ def test_a_warm_up_is_as_sure_as_walks_of_that_size_leave_it():
     assert found.low == pytest.approx(low - 50.0, abs=100.0) and found.high == pytest.approx(
         high + 50.0, abs=100.0
     )
+
+
+def test_an_even_interval_is_that_of_a_signed_figure_and_may_reach_below_zero():
+    """A clock that is known to 100 %: 2 +- 0.1 is then 2 +- 3.9, and only a magnitude ends at nothing."""
+    even = Figure("rate ramp", 2.0, "deg/h/h", "s", 1.9, 2.1)
+    (found,) = with_budgets([even], Plan(), clock(1e6))
+    noise, of_clock = 0.1 / 1.959964, 2.0
+    half = 1.959964 * math.hypot(noise, of_clock)
+    assert (found.low, found.high) == (
+        pytest.approx(2.0 - half),
+        pytest.approx(2.0 + half),
+    ) and not found.seen
+    (bound,) = with_budgets([Figure("rate ramp", 2.0, "deg/h/h", "s", 1.8, 2.1)], Plan(), clock(1e6))
+    assert bound.low == 0.0 and bound.high == pytest.approx(2.0 + math.hypot(0.1, 1.959964 * of_clock))
+
+
+def test_an_interval_of_one_end_tells_no_digits():
+    for low, high in ((None, 5.0), (5.0, None), (None, None)):
+        figure = Figure("f", 3.14159, "deg/h", "s", low, high)
+        assert (figure.digits, figure.standard_error, figure.bound) == (4, 0.0, None)
+        assert figure.shown() == {"f": "3.14159 deg/h"}
+        (kept,) = with_budgets([figure], Plan(), clock(1.0))
+        assert kept is figure

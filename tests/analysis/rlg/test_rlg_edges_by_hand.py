@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.rlg import _dataset
-from bench.analysis.rlg._cycle import _gain, _terms, load_chamber_cycle, study_chamber_cycle
+from bench.analysis.rlg._cycle import AxisGain, Spread, _gain, _terms, load_chamber_cycle, study_chamber_cycle
 from bench.analysis.rlg._rows import RampRun, ramp_run
 from bench.analysis.rlg._study import CORRECTED, FIVE, PLAIN, hysteresis_dph, profile_of, run_rlg_study
 from bench.record.recording import Phase
@@ -247,3 +247,13 @@ def test_a_row_needs_more_than_half_of_its_seconds_and_a_run_three_rows():
         ramp_run("r", "u", time_s, case, case + 1.0, holes)
     assert refused.value.found == "2 of 100 s with bias and both temperatures"
     assert refused.value.remedy == "2 of 4 rows left out: bias is missing in them"
+
+
+@pytest.mark.parametrize(("left", "depends"), [(4.55, False), (4.49, True)])
+def test_an_axis_depends_on_the_past_where_that_takes_five_parts_in_a_hundred_more(left, depends):
+    """Of 10, temperature leaves 5; with its past 4.55 are 4.5 % less, 4.49 are 5.1 %."""
+    none = np.zeros(3)
+    parts = [Spread(own, own) for own in (10.0, 5.0, left)]
+    axis = AxisGain("x", *parts, ("T",), ("T", "lag T"), none, none, none)
+    assert axis.verdict.startswith("depends on the temperature's past or rate (lag T)") == depends
+    assert axis.static_pct == pytest.approx(50.0) and axis.dynamic_pct == pytest.approx(100.0 - 10.0 * left)

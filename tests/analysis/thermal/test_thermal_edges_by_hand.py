@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 
+from bench.analysis.thermal import _dataset
 from bench.analysis.thermal._anchor import anchor_runs
+from bench.analysis.thermal._dataset import load_thermal_runs
 from bench.analysis.thermal._diffusion import NODES
 from bench.analysis.thermal._evaluate import noise_floor
 from bench.analysis.thermal._features import centred_mean
@@ -31,6 +34,8 @@ from bench.analysis.thermal._regression import fit_ordinary, fit_ridge, target_n
 from bench.analysis.thermal._scale_factor import find_shift
 from bench.analysis.thermal._selection import ModelScore
 from bench.analysis.thermal._signals import LAG_TIMES_S, low_passes
+from bench.analysis.thermal._types import ThermalRun
+from bench.record.recording import Phase
 from tests.analysis.thermal.test_thermal_choices_by_hand import Level, features
 
 
@@ -83,7 +88,7 @@ def test_models_far_behind_on_the_validation_run_are_not_left_out_and_networks_s
     for name in "abcd":
         run = features(name, 60, ord(name))
         runs.append(replace(run, bias_dph=run.t_in + 0.01 * np.random.default_rng(ord(name)).normal(size=60)))
-    table = {"best": 0.4, "lstm": 0.44, "hybrid": 0.4401, "fair": 0.6, "late": 0.6001}
+    table = {"best": 0.5, "lstm": 0.55, "hybrid": 0.5501, "fair": 0.75, "late": 0.7501}
     models = {name: Level(name, 1.0 + 0.3 * k) for k, name in enumerate(table)}
     scores = [ModelScore(name, 1.0, None, score) for name, score in table.items()]
     choice = choose(models, scores, runs[:3], runs[3:])
@@ -205,3 +210,29 @@ def test_at_the_end_of_a_series_half_of_the_window_that_there_is_will_do(known, 
     found = centred_mean(values, 5)[1]
     assert (found == pytest.approx(np.nanmean(values))) if there else math.isnan(found)
     assert centred_mean(values[::-1].copy(), 5)[-2] == pytest.approx(found, nan_ok=True)
+
+
+def test_sections_of_a_folder_are_grouped_and_end_where_the_next_one_begins(monkeypatch):
+    """Two groups of two rates, recorded in turn; the last section ends where the test is closed."""
+    asked = []
+    told = ((10.0, 7, 5.0), (400.0, 3, 20.0), (800.0, 7, -5.0), (1200.0, 3, -20.0))
+    sections = [(at_s, SimpleNamespace(group=group, rate_dps=rate)) for at_s, group, rate in told]
+    kept = list(sections)
+    run = SimpleNamespace(
+        of=lambda kind: kept, checksum="sum", manifest=SimpleNamespace(run_id="r"),
+        phases=lambda: (Phase("reference", 10.0, 1500.0), Phase("close", 1500.0, 1600.0)),
+    )  # fmt: skip
+    group = ThermalRun("x", "u", *(np.zeros(3),) * 3, None, np.zeros(3), (0.0, 1.0))
+    monkeypatch.setattr(_dataset, "Run", SimpleNamespace(open=lambda folder: run))
+    monkeypatch.setattr(_dataset, "gyros_of", lambda run, names: names or ("first", "second"))
+    monkeypatch.setattr(_dataset, "_rate_run", lambda run, *rest: asked.append(rest) or rest[1])
+    monkeypatch.setattr(_dataset, "scale_factor_group", lambda rates: replace(group, phases=[*rates]))
+    found = load_thermal_runs(Path("f"))
+    assert asked == [("first", 5.0, 10.0, 400.0), ("first", 20.0, 400.0, 800.0),
+                     ("first", -5.0, 800.0, 1200.0), ("first", -20.0, 1200.0, 1500.0)]  # fmt: skip
+    assert [each.run_id for each in found] == ["r group 7", "r group 3"]
+    assert [each.phases for each in found] == [[5.0, -5.0], [20.0, -20.0]]
+    assert {each.checksum for each in found} == {"sum"} and found[0].meta == {"gyro": "first"}
+    kept[:] = sections[::2]
+    (alone,) = load_thermal_runs(Path("f"), "second")
+    assert (alone.run_id, alone.meta, asked[-1]) == ("r", {"gyro": "second"}, ("second", -5.0, 800.0, 1500.0))
