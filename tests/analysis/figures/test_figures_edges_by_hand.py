@@ -17,7 +17,7 @@ from bench.analysis.figures._budget import with_budgets
 from bench.analysis.figures._estimate import Estimate, largest, linear, spread
 from bench.analysis.figures._from_run import figures_of_unit, standard_figures
 from bench.analysis.figures._parts import PARTS
-from bench.analysis.figures._record import MOST_SAMPLES, _whole
+from bench.analysis.figures._record import MOST_SAMPLES, Record, _whole
 from bench.analysis.figures._scale_factor import RateSequence, scale_factor_figures
 from bench.record.events.run import Interval
 from drivers.base.errors import ConfigurationError, RecordError
@@ -270,3 +270,61 @@ def test_an_interval_of_one_end_tells_no_digits():
         assert figure.shown() == {"f": "3.14159 deg/h"}
         (kept,) = with_budgets([figure], Plan(), clock(1.0))
         assert kept is figure
+
+
+@pytest.mark.parametrize("n", [5, 9])
+def test_a_single_sequence_has_the_intervals_of_white_noise_in_closed_form(n):
+    """Means over 500 s scatter by N over the root of the time; a slope by that over the root of its squares."""
+    walk, rates = 0.003, np.linspace(-20.0, 20.0, n)
+    start = 1000.0 * np.arange(n)
+    sequence = RateSequence(rates, rates, 1.5 * rates + 0.2, start, start + 500.0)
+    found = scale_factor_figures([sequence], NoiseCoefficients(0.0, walk, 0.0, 0.0, 0.0))
+    sigma_dps = walk / math.sqrt(500.0 / 3600.0) / 3600.0
+    slope = sigma_dps / np.linalg.norm(rates)
+    half = found.scale_factor.high - found.scale_factor.value
+    assert half == pytest.approx(1.959964 * slope, rel=0.06)
+    assert found.scale_factor.value - found.scale_factor.low == pytest.approx(half)
+    # the asymmetry is the difference of two slopes through half of the rates each, the zero in both
+    side = np.linspace(0.0, 20.0, (n + 1) // 2)
+    weights = np.zeros(n)
+    weights[n // 2 :] += (side - side.mean()) / np.sum((side - side.mean()) ** 2)
+    weights[: n // 2 + 1] -= (side - side.mean()) / np.sum((side - side.mean()) ** 2)
+    ppm = 1e6 * sigma_dps * np.linalg.norm(weights) / 1.5
+    assert found.asymmetry_ppm.high - found.asymmetry_ppm.value == pytest.approx(1.959964 * ppm, rel=0.06)
+
+
+def test_a_rest_between_the_rates_is_in_the_slopes_of_both_signs():
+    """2 above and 2.002 below nothing, where the output is off by a thousandth of a deg/s."""
+    nominal = [0.0, 10.0, 20.0, -10.0, -20.0]
+    rows = [
+        rest(1000.0 * k, test="scale_factor", rate_dps=rate, sequence=1) for k, rate in enumerate(nominal)
+    ]
+    rows[0] = rest(0.0, test="scale_factor", rate_dps=None, sequence=1)
+    true = 1.01 * np.array(nominal)
+    output = np.where(true >= 0.0, 2.0, 2.002) * true + np.array([1e-3, 0.0, 0.0, 0.0, 0.0])
+    means = dict(zip((row.start_s for row in rows), output, strict=True))
+    found = {each.name: each for each in PARTS["scale factor"](Rows(*rows, means=means), QUIET)}
+    rising, falling = (np.polyfit(true[side], output[side], 1)[0] for side in ([0, 1, 2], [0, 3, 4]))
+    whole = np.polyfit(true, output, 1)[0]
+    asymmetry = found["scale-factor asymmetry"].value
+    assert asymmetry == pytest.approx(1e6 * (rising - falling) / whole, rel=1e-9)
+
+
+def test_a_table_that_speeds_up_between_two_readings_is_followed_by_the_mean_of_both():
+    """From rest to 800 deg/s in eight seconds, read every two: 300 and 500 deg in between, not 0 or 200."""
+    time_s = np.array([0.0, 2.0, 4.0, 6.0, 8.0])
+    table = {
+        "time_ns": np.rint(1e9 * time_s).astype(np.int64),
+        "angle_deg": np.mod(50.0 * time_s**2, 360.0),
+        "rate_dps": 100.0 * time_s,
+    }
+    run = SimpleNamespace(turntable=lambda columns, start, end: table)
+    assert Record(run, "g", 0.0).true_rate_dps(rest(0.0, 9.0)) == pytest.approx(400.0)
+
+
+def test_four_blocks_of_a_hundred_seconds_tell_a_warm_up_and_three_do_not():
+    output = np.repeat([5.0, 1.0, 0.0, 0.0], 100)
+    assert warm_up_time_s(output, 0.5, QUIET).value == 200.0
+    with pytest.raises(ConfigurationError, match="tells no warm-up time") as refused:
+        warm_up_time_s(output[:399], 0.5, QUIET)
+    assert refused.value.expected == "at least 4 blocks, all with data"

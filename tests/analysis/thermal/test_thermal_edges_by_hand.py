@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from bench.analysis.thermal import _dataset
+from bench.analysis.thermal import _dataset, _lstm_training
 from bench.analysis.thermal._anchor import anchor_runs
 from bench.analysis.thermal._dataset import load_thermal_runs
 from bench.analysis.thermal._diffusion import NODES
@@ -236,3 +236,47 @@ def test_sections_of_a_folder_are_grouped_and_end_where_the_next_one_begins(monk
     kept[:] = sections[::2]
     (alone,) = load_thermal_runs(Path("f"), "second")
     assert (alone.run_id, alone.meta, asked[-1]) == ("r", {"gyro": "second"}, ("second", -5.0, 800.0, 1500.0))
+
+
+def test_every_epoch_has_its_own_learning_rate_and_the_best_ones_weights_stay(monkeypatch):
+    """Half a cosine from 0.9 to 0.1 in five epochs; the loss is lowest after the third."""
+    settings = LstmSettings(hidden=2, epochs=5, learning_rate=0.9, final_learning_rate=0.1, warm_up=1)
+    weights = _initial_weights(settings, *(np.full(3, edge) for edge in (-1.0, 1.0)), np.zeros(2), np.ones(2))
+    network, head = _lstm_training._network(weights)
+    rates, losses = [], iter((5.0, 4.0, 2.0, 3.0, 2.0))
+
+    def epoch(network, head, batch, optimiser, settings):
+        rates.extend(group["lr"] for group in optimiser.param_groups)
+        with torch.no_grad():
+            head.bias.fill_(float(len(rates)))
+
+    monkeypatch.setattr(_lstm_training, "_epoch", epoch)
+    monkeypatch.setattr(_lstm_training, "_loss_of", lambda *parts: next(losses))
+    _lstm_training._descend(network, head, None, None, settings)
+    shape = 0.4 * math.sqrt(0.5)
+    assert rates == pytest.approx([0.9, 0.5 + shape, 0.5, 0.5 - shape, 0.1])
+    assert head.bias.tolist() == [3.0, 3.0]
+
+
+def test_a_stretch_without_targets_changes_nothing_and_spoils_nothing():
+    """Ten steps that teach, ten of which nothing is known, ten that teach: as if the middle had no step."""
+    settings = LstmSettings(hidden=2, chunk=10, warm_up=0, seed=3)
+    weights = _initial_weights(settings, np.full(3, -1.0), np.ones(3), np.zeros(2), np.ones(2))
+    network, head = _lstm_training._network(weights)
+    rng = np.random.default_rng(0)
+    mask = np.ones((20, 1, 2))
+    mask[10:] = 0.0
+    parts = (rng.normal(size=(20, 1, 3)), np.ones((20, 1, 2)), mask, mask)
+    whole = _Batch(*(torch.tensor(part, dtype=torch.float32) for part in parts))
+    first = _Batch(*(torch.tensor(part[:10], dtype=torch.float32) for part in parts))
+    found = []
+    for batch in (whole, first):
+        network, head = _lstm_training._network(weights)
+        optimiser = torch.optim.SGD([*network.parameters(), *head.parameters()], lr=0.1)
+        _lstm_training._epoch(network, head, batch, optimiser, settings)
+        found.append(
+            [parameter.detach().numpy() for parameter in (*network.parameters(), *head.parameters())]
+        )
+    for one, other in zip(*found, strict=True):
+        assert np.isfinite(one).all() and one == pytest.approx(other)
+    assert found[0][-1] != pytest.approx(weights.b_output, abs=1e-4)
