@@ -34,6 +34,7 @@ from bench.analysis.thermal._regression import fit_ordinary, fit_ridge, target_n
 from bench.analysis.thermal._scale_factor import find_shift
 from bench.analysis.thermal._selection import ModelScore
 from bench.analysis.thermal._signals import LAG_TIMES_S, low_passes
+from bench.analysis.thermal._stream import FeatureStream
 from bench.analysis.thermal._types import ThermalRun
 from bench.record.recording import Phase
 from tests.analysis.thermal.test_thermal_choices_by_hand import Level, features
@@ -280,3 +281,26 @@ def test_a_stretch_without_targets_changes_nothing_and_spoils_nothing():
     for one, other in zip(*found, strict=True):
         assert np.isfinite(one).all() and one == pytest.approx(other)
     assert found[0][-1] != pytest.approx(weights.b_output, abs=1e-4)
+
+
+def test_a_mean_that_runs_empty_between_two_steps_holds_its_last_value():
+    """One reading a second, a step a minute; the case is silent from 300 s on, the gyro from 500 to 700 s.
+
+    The last known value leaves the window of 100 s behind 598 s, between the steps at 540 and at 600 s.
+    """
+    stream, steps = FeatureStream(60), {}
+    for second in range(900):
+        inside = math.nan if 500 <= second < 700 else 0.01 * second
+        case = math.nan if second >= 300 else 20.0 + 0.02 * second
+        found = stream.push(inside, case)
+        assert (found is None) == (second % 60 != 0)
+        steps[second] = found
+    t_in = {second: found[0] for second, found in steps.items() if found is not None}
+    assert t_in[480] == pytest.approx(4.80 - 0.495) and t_in[540] == pytest.approx((4.41 + 4.99) / 2.0)
+    assert t_in[600] == t_in[660] == pytest.approx(4.99)
+    assert t_in[720] == pytest.approx((7.00 + 7.20) / 2.0)
+    # the case's last value is that of 299 s, alone in its window at 398 s
+    assert [steps[second][1] for second in (420, 600, 840)] == pytest.approx([25.98] * 3)
+    assert steps[600][3] == pytest.approx(4.99 - 25.98)
+    # of changes over a minute the last one known is that of 499 s, and they come back a minute behind the gyro
+    assert [steps[second][2] for second in (480, 540, 600, 720)] == pytest.approx([0.6] * 4)
