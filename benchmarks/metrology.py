@@ -148,7 +148,7 @@ class Unit:
             )
         )
         at_rest = simulate(rng, round(3600.0 * before.grade.noise_h), (q, n, b, k, r))
-        plan = before.after([AtRest.of_means(at_rest)])
+        plan = before.after({"unit": AtRest.of_means(at_rest)})
         self.rows = plan.intervals()
         self.inputs = plan.inputs
         self.power_ons_dph = self.faults.bias_spread_dph * rng.standard_normal(plan.grade.power_cycles + 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -160,12 +160,18 @@ class SmallInput:
     input_dph: float
     schedule: Schedule
 
+    @property
+    def shown(self) -> bool:
+        """Whether half of it would be shown."""
+        return _SHOWN * self.schedule.error_dph <= self.input_dph
+
 
 @dataclass(frozen=True)
 class Plan:
     """All dwells of a test, part by part. `by_noise`: whether a record at rest settled what was not given.
 
     `shown_dph`: the smallest input that should then be shown; None where none should, or nothing is known.
+    `too_noisy`: units that no input would show in the time, beside others that one would: they had no say.
     """
 
     p: StandardTestParameters
@@ -175,6 +181,7 @@ class Plan:
     sequences: int
     by_noise: bool = False
     shown_dph: float | None = None
+    too_noisy: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, p: StandardTestParameters) -> Plan:
@@ -187,22 +194,30 @@ class Plan:
         )
         return cls(p, grade, inputs, p.rate_dwell_s or _RATE_DWELL_S, p.sequences or _SEQUENCES[0])
 
-    def after(self, records: Sequence[AtRest]) -> Plan:
-        """Return the plan that the noise asks for which the units have shown; the noisiest one counts."""
-        among = schedules(records, SETTLE_S + _MOVE_S)
-        if not among:
+    def after(self, records: Mapping[str, AtRest]) -> Plan:
+        """Return the plan that the noise asks for which the units have shown.
+
+        The noisiest of those counts that can be shown the largest input in `steps_h`; where none can, the
+        quietest.
+        """
+        known = {name: schedules([record], SETTLE_S + _MOVE_S) for name, record in records.items()}
+        known = {name: found for name, found in known.items() if found}
+        if not known:
             return self
+        able = [name for name, found in known.items() if _inputs(found, self.grade)[-1].shown]
+        if not able:
+            able = [min(known, key=lambda name: known[name][0].error_dph)]
+        among = schedules([records[name] for name in able], SETTLE_S + _MOVE_S)
         inputs, shown_dph = self.inputs, None
         if self.p.step_dwell_s is None:
             inputs = _inputs(among, self.grade)
         else:
-            known = [each for each in among if each.repeats == 1]
-            near = min(known, key=lambda each: abs(math.log(each.dwell_s / inputs[0].schedule.dwell_s)))
+            single = [each for each in among if each.repeats == 1]
+            near = min(single, key=lambda each: abs(math.log(each.dwell_s / inputs[0].schedule.dwell_s)))
             inputs = tuple(
                 replace(each, schedule=replace(each.schedule, error_dph=near.error_dph)) for each in inputs
             )
-        shown = [each.input_dph for each in inputs if _SHOWN * each.schedule.error_dph <= each.input_dph]
-        shown_dph = min(shown, default=None)
+        shown_dph = min((each.input_dph for each in inputs if each.shown), default=None)
         rate_dwell_s, sequences = self._rates(among)
         return replace(
             self,
@@ -211,6 +226,7 @@ class Plan:
             sequences=sequences,
             by_noise=True,
             shown_dph=shown_dph,
+            too_noisy=tuple(name for name in known if name not in able),
         )
 
     def _rates(self, among: Sequence[Schedule]) -> tuple[float, int]:

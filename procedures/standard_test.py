@@ -9,7 +9,7 @@ long and how often the small turns and the rates are dwelt at follows from the n
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -76,7 +76,7 @@ def run(bench: Bench, p: StandardTestParameters) -> None:
         bench.phase("noise")
         start_s = bench.now_s
         _measure(bench, Dwell("noise", 3600.0 * grade.noise_h))
-        plan = plan.after(list(_at_rest(bench, start_s)))
+        plan = plan.after(_at_rest(bench, start_s))
         _tell(bench, plan)
     with bench.step("4", "Threshold and resolution"):
         for test, from_deg in (("threshold", east_deg), ("resolution", east_deg + _RESOLUTION_DEG)):
@@ -138,12 +138,10 @@ def over_temperature(bench: Bench, p: StandardTestParameters, dwells: Iterable[D
     go_to_end(bench, p.room_c, p.ramp_k_per_min)
 
 
-def _at_rest(bench: Bench, start_s: float) -> Iterator[AtRest]:
-    """Yield what each gyro that still speaks gave at rest since then, second by second."""
-    for gyro in bench.gyros.values():
-        if not gyro.gone:
-            samples, sums_dps = gyro.seconds_since(start_s)
-            yield AtRest(samples, 3600.0 * sums_dps)
+def _at_rest(bench: Bench, start_s: float) -> dict[str, AtRest]:
+    """Return what each gyro that still speaks gave at rest since then, second by second."""
+    seconds = {name: gyro.seconds_since(start_s) for name, gyro in bench.gyros.items() if not gyro.gone}
+    return {name: AtRest(samples, 3600.0 * sums_dps) for name, (samples, sums_dps) in seconds.items()}
 
 
 def _tell(bench: Bench, plan: Plan) -> None:
@@ -158,6 +156,11 @@ def _tell(bench: Bench, plan: Plan) -> None:
         "standard error [deg/h]": [each.schedule.error_dph for each in plan.inputs],
     }
     bench.event(Series("Small inputs of threshold and resolution, by the noise measured", columns))
+    for name in plan.too_noisy:
+        bench.note(
+            f"{name} is too noisy for these inputs in steps_h = {plan.grade.steps_h:g}: dwells and repeats are "
+            "those that the others need"
+        )
     bench.measure("rate_dwell", plan.rate_dwell_s, "s")
     bench.measure("rate_sequences", plan.sequences, "")
     if plan.shown_dph is not None:
@@ -211,7 +214,7 @@ def expected_duration_s(p: StandardTestParameters) -> float:
 
 def intervals(p: StandardTestParameters, at_rest_dph: ArrayLike) -> Sequence[Interval]:
     """Return the intervals of measurement that a unit's noise would make of the test; 1 s means at rest (n,)."""
-    return Plan.of(p).after([AtRest.of_means(at_rest_dph)]).intervals()
+    return Plan.of(p).after({"unit": AtRest.of_means(at_rest_dph)}).intervals()
 
 
 def demands(p: StandardTestParameters) -> Demands:

@@ -104,7 +104,7 @@ def test_the_noisiest_unit_counts():
 def planned(coefficients, **given):
     p = StandardTestParameters(**given)
     seconds = round(3600.0 * p.preset().noise_h)
-    return Plan.of(p).after([AtRest.of_means(at_rest(coefficients, seconds))])
+    return Plan.of(p).after({"unit": AtRest.of_means(at_rest(coefficients, seconds))})
 
 
 def test_inputs_are_as_small_as_the_noise_lets_be_shown_in_the_time():
@@ -131,13 +131,38 @@ def test_a_unit_whose_noise_hides_every_input_takes_all_the_time_for_the_largest
     assert plan.needed_dph == pytest.approx(7.2 * most.schedule.error_dph) and plan.needed_dph > 0.16
 
 
+def test_a_unit_of_another_class_on_the_table_has_no_say():
+    """A MEMS unit beside a fibre optic gyro, that no input would show; of two that are able the noisier."""
+    p = StandardTestParameters()
+    fog, worse, mems = (
+        AtRest.of_means(at_rest((0.0, n, b, 0.0, 0.0), 21_600))
+        for n, b in ((0.004, 0.006), (0.012, 0.006), (0.2, 4.0))
+    )
+    alone = Plan.of(p).after({"fog": fog})
+    both = Plan.of(p).after({"fog": fog, "mems": mems})
+    assert (both.inputs, both.rate_dwell_s, both.sequences) == (
+        alone.inputs,
+        alone.rate_dwell_s,
+        alone.sequences,
+    )
+    assert both.too_noisy == ("mems",) and alone.too_noisy == ()
+    three = Plan.of(p).after({"fog": fog, "worse": worse, "mems": mems})
+    assert three.inputs == Plan.of(p).after({"worse": worse}).inputs and three.too_noisy == ("mems",)
+    assert three.shown_dph > both.shown_dph
+    # where no unit is able the quietest one counts
+    hopeless = Plan.of(p).after(
+        {"mems": mems, "worst": AtRest.of_means(at_rest((0.0, 2.0, 4.0, 0.0, 0.0), 21_600))}
+    )
+    assert hopeless.inputs == Plan.of(p).after({"mems": mems}).inputs and hopeless.too_noisy == ("worst",)
+
+
 def test_a_dwell_that_was_given_stays_and_its_error_is_told():
     plan = planned((0.0, 0.004, 0.0, 0.0, 0.0), step_dwell_s=900.0, noise_h=100.0)
     assert [each.schedule.dwell_s for each in plan.inputs] == [900.0] * 5
     error = 0.004 * math.sqrt(1.5 * 4.0)
     assert plan.inputs[0].schedule.error_dph == pytest.approx(error, rel=0.15)
     assert plan.shown_dph == next(s for s in (0.01, 0.02, 0.04, 0.08, 0.16) if s >= 7.2 * error)
-    unknown = Plan.of(StandardTestParameters()).after([AtRest.of_means(np.zeros(10))])
+    unknown = Plan.of(StandardTestParameters()).after({"unit": AtRest.of_means(np.zeros(10))})
     assert unknown.by_noise is False and unknown.shown_dph is None
     assert [each.schedule.duration_s for each in unknown.inputs] == [3 * 960.0] * 5  # 4 h
 

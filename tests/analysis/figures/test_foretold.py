@@ -98,7 +98,7 @@ def test_units_that_were_tested_resolve_what_was_foretold(grade):
     """The perfect units of `benchmarks.metrology`, whose noise and outputs are drawn by other code."""
     p = StandardTestParameters(grade=grade.name.lower())
     outlook = foretell(
-        lambda rest: Plan.of(p).after([AtRest.of_means(rest)]).intervals(),
+        lambda rest: Plan.of(p).after({"unit": AtRest.of_means(rest)}).intervals(),
         grade.noise,
         LATITUDE_DEG,
         BenchErrors(BENCH),
