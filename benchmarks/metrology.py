@@ -152,7 +152,7 @@ class Unit:
         self.rows = plan.intervals()
         self.inputs = plan.inputs
         self.power_ons_dph = self.faults.bias_spread_dph * rng.standard_normal(plan.grade.power_cycles + 1)
-        errors = {item.quantity: item.standard_uncertainty for item in BENCH} if self.bench else {}
+        errors = {item.quantity: item.standard_uncertainty for item in BENCH if item.quantity in self.bench}
         spread_c = errors.get("unit_temp_c", 0.0)
         self.of_temps_c = {temp: spread_c * float(rng.standard_normal()) for temp in TEMPERATURES_C}
         self.of_angles_deg = errors.get("table_angle_deg", 0.0) * rng.uniform(

@@ -86,7 +86,7 @@ def _print_figures(console: Terminal, title: str, figures: Sequence[Figure]) -> 
         interval = f"{figure.low:.{digits}g} .. {figure.high:.{digits}g}" if known else ""
         value = f"{figure.value:.{figure.digits}g}"
         if figure.bound is not None:
-            value = f"not seen above {figure.bound:.2g}"
+            value = f"not seen above {float(f'{figure.bound:.2g}'):g}"
         rows.append((figure.name, value, figure.unit, interval))
     console.table(("figure", "value", "unit", "95 % interval"), rows, title)
 
