@@ -1,9 +1,9 @@
 """Whether an input's part of an uncertainty budget is what switching its error on and off shows.
 
-`python -m benchmarks.metrology_shares UNITS` tests each simulated unit twice with the same noise: on a
-bench without errors, and on one where a single instrument has the error that its certificate allows, drawn anew for each
-unit. By how much a figure then differs scatters as that input's uncertainty in the figure's budget says, if it is
-right. The table goes to docs/uncertainty.md.
+`python -m benchmarks.metrology_shares UNITS` tests each simulated unit twice with the same noise: on a bench
+without errors, and on one where a single instrument has the error that its certificate allows, drawn anew for
+each unit. By how much a figure then differs scatters as that input's uncertainty in the figure's budget says, if
+it is right. The table goes to docs/uncertainty.md.
 """
 
 from __future__ import annotations
@@ -101,7 +101,8 @@ _BEGIN, _END = "<!-- shares -->\n", "<!-- end of shares -->"
 
 def write(path: Path, units: int) -> None:
     """Put the table of so many units of each grade into docs/uncertainty.md."""
-    head = "| grade | figure | input | share | by the budget | by switching | ratio |\n|---|---|---|---|---|---|---|\n"
+    columns = "grade | figure | input | share | by the budget | by switching | ratio"
+    head = f"| {columns} |\n|---|---|---|---|---|---|---|\n"
     table = head + "\n".join(rows(grade, units) for grade in GRADES) + "\n"
     before, _, rest = path.read_text(encoding="utf-8").partition(_BEGIN)
     path.write_text(before + _BEGIN + table + _END + rest.partition(_END)[2], encoding="utf-8")
