@@ -33,6 +33,12 @@ class AtRest:
         known = np.isfinite(means)
         return cls(known.astype(np.float64), np.where(known, means, 0.0))
 
+    @classmethod
+    def of_pieces(cls, pieces: Sequence[AtRest]) -> AtRest:
+        """Return pieces of a record that follow each other as one."""
+        parts = ([getattr(piece, name) for piece in pieces] for name in ("samples", "sums_dph"))
+        return cls(*(np.concatenate(part) for part in parts))
+
     def difference_dph(self, dwell_s: float, gap_s: float) -> float:
         """Return the standard deviation of B - (A + C) / 2, means over three dwells `gap_s` apart.
 

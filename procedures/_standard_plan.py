@@ -264,6 +264,16 @@ class Plan:
 
     # The parts, in the order of the test
 
+    @property
+    def warm_up(self) -> Dwell:
+        """The record from switch-on."""
+        return Dwell("warm_up", 60.0 * self.grade.warm_up_min)
+
+    @property
+    def noise(self) -> Dwell:
+        """The record for the Allan deviation."""
+        return Dwell("noise", 3600.0 * self.grade.noise_h)
+
     def bias(self) -> Iterator[Dwell]:
         """The bias record after the warm-up, and after each power cycle."""
         again_s = self.p.off_s + 60.0 * self.grade.warm_up_min
@@ -305,12 +315,11 @@ class Plan:
 
     def dwells(self) -> Iterator[Dwell]:
         """All of them."""
-        grade = self.grade
-        yield Dwell("warm_up", 60.0 * grade.warm_up_min)
+        yield self.warm_up
         if self.p.grade not in EAST_BY_HAND:
-            yield from [Dwell("axis_east", grade.east_dwell_s, _MOVE_S)] * 4
+            yield from [Dwell("axis_east", self.grade.east_dwell_s, _MOVE_S)] * 4
         yield from self.bias()
-        yield Dwell("noise", 3600.0 * grade.noise_h)
+        yield self.noise
         yield from self.small_inputs("threshold")
         yield from self.small_inputs("resolution")
         yield from self.misalignment()

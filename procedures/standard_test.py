@@ -25,6 +25,8 @@ from procedures.zero_bias_cold_shock import ZeroBiasParameters, find_east
 
 _RESOLUTION_DEG = 45.0
 """Angle from east at which resolution is tested: a large input that still changes with angle."""
+_PIECE_S = 300.0
+"""A record at rest is taken in pieces: the bench holds the last 65,536 arrivals of a stream."""
 _ALWAYS = (
     "bias",
     "bias stability, 10 s averages",
@@ -59,7 +61,7 @@ def run(bench: Bench, p: StandardTestParameters) -> None:
         bench.table.point(p.azimuth_deg)
         bench.chamber.go_to(p.room_c)
         bench.chamber.start()
-        _measure(bench, Dwell("warm_up", 60.0 * grade.warm_up_min))
+        _measure(bench, plan.warm_up)
         east_deg = p.azimuth_deg
         if p.grade not in EAST_BY_HAND:
             search = ZeroBiasParameters(azimuth_deg=p.azimuth_deg, east_dwell_s=grade.east_dwell_s)
@@ -74,9 +76,7 @@ def run(bench: Bench, p: StandardTestParameters) -> None:
             _measure(bench, dwell)
     with bench.step("3", "Noise"):
         bench.phase("noise")
-        start_s = bench.now_s
-        _measure(bench, Dwell("noise", 3600.0 * grade.noise_h))
-        plan = plan.after(_at_rest(bench, start_s))
+        plan = plan.after(_record_noise(bench, plan.noise))
         _tell(bench, plan)
     with bench.step("4", "Threshold and resolution"):
         for test, from_deg in (("threshold", east_deg), ("resolution", east_deg + _RESOLUTION_DEG)):
@@ -138,10 +138,19 @@ def over_temperature(bench: Bench, p: StandardTestParameters, dwells: Iterable[D
     go_to_end(bench, p.room_c, p.ramp_k_per_min)
 
 
-def _at_rest(bench: Bench, start_s: float) -> dict[str, AtRest]:
-    """Return what each gyro that still speaks gave at rest since then, second by second."""
-    seconds = {name: gyro.seconds_since(start_s) for name, gyro in bench.gyros.items() if not gyro.gone}
-    return {name: AtRest(samples, 3600.0 * sums_dps) for name, (samples, sums_dps) in seconds.items()}
+def _record_noise(bench: Bench, dwell: Dwell) -> dict[str, AtRest]:
+    """Record at rest; return what each gyro that still speaks then gave, second by second."""
+    begin_s = bench.now_s
+    pieces: dict[str, list[AtRest]] = {name: [] for name in bench.gyros}
+    whole, rest_s = divmod(dwell.length_s, _PIECE_S)
+    for length_s in [_PIECE_S] * int(whole) + [rest_s] * (rest_s > 0.0):
+        start_s = bench.now_s
+        bench.wait(length_s, "noise")
+        for name, gyro in bench.gyros.items():
+            samples, sums_dps = gyro.seconds(start_s, bench.now_s)
+            pieces[name].append(AtRest(samples, 3600.0 * sums_dps))
+    bench.event(Interval(dwell.test, begin_s, bench.now_s))
+    return {name: AtRest.of_pieces(pieces[name]) for name, gyro in bench.gyros.items() if not gyro.gone}
 
 
 def _tell(bench: Bench, plan: Plan) -> None:

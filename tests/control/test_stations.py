@@ -511,3 +511,15 @@ def test_a_table_that_tells_no_alarms_is_not_said_to_have_none():
     table.tells_alarms = False
     with pytest.raises(DeviceRefused, match="its controller tells no alarms"):
         Bench(table).station.point(10.0, timeout_s=20.0)
+
+
+def test_seconds_hold_every_valid_sample_of_a_stretch_once():
+    """Arrivals at 1.0, 1.9, 2.5 and 4.0 s; what arrives at the end of a stretch is of the next one."""
+    gyro = station()
+    for at_s, rates in ((1.0, (10, 20)), (1.9, (30,)), (2.5, (40, 50)), (4.0, (60,))):
+        gyro.take(b"".join(bytes([rate, 250, 1, 0]) for rate in rates), at_s)
+    gyro.take(bytes([99, 250, 0, 0]), 2.6)  # not valid
+    samples, sums = gyro.seconds(1.0, 4.0)
+    assert samples.tolist() == [3.0, 2.0, 0.0] and sums == pytest.approx([0.06, 0.09, 0.0])
+    assert [part.tolist() for part in gyro.seconds(4.0, 5.0)] == [[1.0], [0.06]]
+    assert [part.tolist() for part in gyro.seconds(7.0, 9.0)] == [[0.0, 0.0], [0.0, 0.0]]

@@ -215,7 +215,7 @@ def test_dwells_and_repeats_follow_from_the_noise_that_the_test_has_measured(
     for dwell_s, count, error in zip(dwells, repeats, errors, strict=True):
         single = AtRest.of_means(means).difference_dph(dwell_s, 30.0)
         expected = single * math.sqrt((4.0 * count - 1.0) / (3.0 * count**2))
-        assert error == pytest.approx(expected, rel=0.1)
+        assert error == pytest.approx(expected, rel=0.2)  # bytes come four seconds at a time
     # 7.2 standard errors of an input are enough; those that half an hour has no time for are left out
     shown = run.manifest.measured("smallest_input_shown")
     assert shown == inputs[0] and 7.2 * errors[0] <= shown

@@ -60,6 +60,12 @@ def test_a_drift_and_missing_seconds_are_no_noise():
     assert together.difference_dph(300.0, 30.0) == pytest.approx(plain, rel=0.05)
 
 
+def test_pieces_of_a_record_are_the_record():
+    whole = AtRest.of_means(at_rest(WHITE, 9000))
+    pieces = [AtRest(whole.samples[k : k + 300], whole.sums_dph[k : k + 300]) for k in range(0, 9000, 300)]
+    assert AtRest.of_pieces(pieces).difference_dph(240.0, 30.0) == whole.difference_dph(240.0, 30.0)
+
+
 def test_a_record_too_short_for_three_dwells_tells_nothing():
     record = AtRest.of_means(np.zeros(3 * 60 + 2 * 30))
     assert record.difference_dph(60.0, 30.0) == 0.0
