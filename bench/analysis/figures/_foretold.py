@@ -19,6 +19,7 @@ from bench.analysis.figures._from_run import figures_of_record, standard_figures
 from bench.control.procedure import Parameters, Procedure
 from bench.record.benchfile import BenchFile
 from bench.record.events.run import Interval
+from bench.record.figure_limits import Limit
 from bench.record.shown import Shown
 from drivers.base.arrays import Array
 from drivers.base.constants import DPH_PER_DPS, earth_rate_north_dph, earth_rate_up_dph
@@ -56,6 +57,18 @@ class Foretold(Shown):
     def text(self) -> str:
         """What is resolved, to two digits; empty where nothing is."""
         return "" if self.resolves is None else f"{float(f'{self.resolves:.2g}'):g}"
+
+    def tells(self, limit: Limit) -> bool:
+        """Return whether a unit in the middle of the limits, or at zero where there is one, would pass.
+
+        Its whole 95 % interval must then lie inside (guard band w = U, JCGM 106).
+        """
+        if self.resolves is None:
+            return False
+        low, high = limit.low, limit.high
+        middle = 0.0 if low is None or high is None else 0.5 * (low + high)
+        least, most = middle - self.resolves, middle + self.resolves
+        return (low is None or low <= least) and (high is None or most <= high)
 
 
 @dataclass(frozen=True)

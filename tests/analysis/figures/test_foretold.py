@@ -14,10 +14,12 @@ from bench.analysis.common.allan import allan_deviation
 from bench.analysis.common.allan_noise import NoiseCoefficients
 from bench.analysis.common.bench_errors import BenchErrors
 from bench.analysis.common.drawn_noise import noise_samples
+from bench.analysis.figures import Foretold
 from bench.analysis.figures._foretold import foretell
 from bench.control.procedure import Procedure, find_procedure
 from bench.present.cli._app import app
 from bench.record.events.run import Interval
+from bench.record.figure_limits import Limit
 from benchmarks.metrology import BENCH, GRADES, LATITUDE_DEG, certificate, measured
 from drivers.base.errors import ConfigurationError
 from procedures._by_noise import AtRest
@@ -147,6 +149,35 @@ def test_a_procedure_without_intervals_and_a_unit_without_noise_are_refused():
         gyrobench.foretell("standard-test", DEMO, {"angle_random_walk": "little"})
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "tells"),
+    [
+        (None, 0.4, True), (None, 0.2, False), (-0.4, None, True), (-0.2, None, False),
+        (-0.4, 0.4, True), (-0.2, 0.2, False), (9.6, 10.4, True), (9.8, 10.2, False), (-0.3, 0.3, True),
+    ],
+)  # fmt: skip
+def test_a_limit_narrower_than_what_is_resolved_cannot_be_told(low, high, tells):
+    assert Foretold("bias", "deg/h", 0.3).tells(Limit(unit="deg/h", low=low, high=high)) is tells
+    assert not Foretold("bias", "deg/h", None, "why").tells(Limit(unit="deg/h", low=low, high=high))
+
+
+def test_limits_that_cannot_be_told_are_marked(tmp_path):
+    path = tmp_path / "limits.toml"
+    path.write_text(
+        '[limits."bias"]\nunit = "deg/h"\nlow = -5\nhigh = 5\n'
+        '[limits."scale-factor nonlinearity"]\nunit = "ppm"\nhigh = 10\n'
+        '[limits."my-test.error"]\nunit = "ppm"\nhigh = 10\n'
+    )
+    words = ["foretell", "standard-test", "--bench", DEMO, "--grade", "mems", "--limits", str(path)]
+    words += ["--noise", "angle_random_walk=0.2", "--temperatures", "false"]
+    said = json.loads(CliRunner().invoke(app, [*words, "--json"]).stdout.splitlines()[-1])
+    assert {f["name"]: f["tells"] for f in said["figures"] if f["tells"] is not None} == {
+        "bias": True, "scale-factor nonlinearity": False,
+    }  # fmt: skip
+    shown = CliRunner().invoke(app, words).output
+    assert shown.count("cannot be told") == 1 and "my-test.error: no figure of this test" in shown
+
+
 def test_the_command_says_what_the_function_does():
     words = ["foretell", "standard-test", "--bench", DEMO, "--grade", "mems", "--power-cycles", "1"]
     words += ["--noise", "angle_random_walk=0.2", "--noise", "bias_instability=4"]
@@ -157,7 +188,8 @@ def test_the_command_says_what_the_function_does():
     outlook = gyrobench.foretell("standard-test", DEMO, noise, grade="mems", power_cycles=1)
     assert said["duration_s"] == outlook.duration_s and said["noise"]["bias_instability_dph"] == 4.0
     assert said["figures"] == [
-        {"name": f.name, "unit": f.unit, "resolves": f.resolves, "reason": f.reason} for f in outlook.figures
+        {"name": f.name, "unit": f.unit, "resolves": f.resolves, "reason": f.reason, "tells": None}
+        for f in outlook.figures
     ]
     shown = CliRunner().invoke(app, words).output
     assert "what it will resolve" in shown and "bias instability" in shown and "expected:" in shown
