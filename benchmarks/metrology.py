@@ -495,7 +495,7 @@ def _of(count: int, number: int) -> str:
     return f"{100 * count / number:.1f} % ({100 * low:.0f} to {100 * high:.0f})"
 
 
-_BEGIN, _END = "### MEMS\n", "\n## Certified numbers"
+_BEGIN, _END = "### MEMS\n", "\n## What switching"
 
 
 def write(path: Path, units: int) -> None:
