@@ -51,8 +51,8 @@ class Estimate:
 
 
 def linear(value: float, draws: Array) -> Estimate:
-    """Return a value whose error is distributed as `draws`, shape (m,); seen if its interval leaves zero out."""
-    half = float(np.quantile(np.abs(draws), 1.0 - 2.0 * _TAIL))
+    """Return a value whose error is normal, as `draws`, shape (m,), are; seen if its interval leaves zero out."""
+    half = TWO_SIDED * float(np.std(draws))
     return Estimate(value, value - half, value + half, abs(value) > half)
 
 

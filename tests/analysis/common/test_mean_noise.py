@@ -42,3 +42,11 @@ def test_white_noise_of_a_mean_and_draws_with_their_covariance() -> None:
     assert white_variance(900.0, NOISES["walk"]) == pytest.approx((0.01 * 60.0) ** 2 / 900.0)
     covariance = np.array([[2.0, -0.7], [-0.7, 1.0]])
     assert np.cov(draws(covariance, 100_000).T) == pytest.approx(covariance, abs=0.03)
+    many = draws(covariance, 500)
+    assert np.cov(many.T, ddof=0) == pytest.approx(covariance, abs=1e-9)
+    assert many.mean(axis=0) == pytest.approx(0.0, abs=1e-9)
+    few = draws(covariance, 2 * len(covariance))
+    assert few.shape == (2 * len(covariance), len(covariance)) and np.isfinite(few).all()
+    assert np.array_equal(draws(covariance, 500), many) and not np.array_equal(
+        draws(covariance, 500, 1), many
+    )
