@@ -293,7 +293,7 @@ def test_of_stochastic_cases_those_are_right_that_name_nothing_else():
         mark("stochastic", **noise | {"causes": {"shupe": 0.9}}, stochastic_named=named),
         mark("stochastic", **noise, stochastic_named=named, unknown=0.6),
         mark("stochastic", **noise, stochastic_named=(*named, "quantisation")),
-        mark("stochastic", **noise),
+        mark("stochastic", **noise), mark("stochastic", **noise, stochastic_named=named),
         mark("known and unknown", 5.0, ("shupe", "strange"), unknown=0.6),
         mark("known and unknown", 5.0, ("shupe", "strange"), unknown=0.4),
         mark("known and unknown", 5.0, ("shupe", "strange"), {"warm_up": 0.9}, unknown=0.6),
@@ -306,7 +306,7 @@ def test_of_stochastic_cases_those_are_right_that_name_nothing_else():
         for (what, _), hits in found.items()
         if what.split(":")[0] in ("stochastic", "null", "known and unknown")
     }
-    assert by_kind == {"stochastic": (1, 5), "null": (3, 4), "known and unknown": (1, 3)}
+    assert by_kind == {"stochastic": (2, 6), "null": (3, 4), "known and unknown": (1, 3)}
     outside = {what: hits for (what, _), hits in found.items() if what.startswith("outside")}
     assert outside == {
         "outside the catalogue: called unknown": (1, 2), "outside the catalogue: a false cause named": (1, 2),

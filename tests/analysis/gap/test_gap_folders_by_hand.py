@@ -262,6 +262,9 @@ def test_a_chamber_that_is_stopped_is_compared_until_then():
     stopped = (2500.0, ConditioningDemand("chamber", False))
     found = _air(Chamber(*TOLD, stopped))
     assert found.inputs.time_s[-1] == 2485.0
+    # what is demanded of it afterwards is not in force
+    later = _air(Chamber(*TOLD, stopped, (2600.0, AirDemand("chamber", 5.0, None))))
+    assert later.inputs.demands == found.inputs.demands and later.inputs.time_s[-1] == 2485.0
     assert _air(Chamber(*TOLD[:1])) == "the chamber was not started in this run"
     assert _air(Chamber(TOLD[1])) == "the chamber was not started in this run"
     assert _air(Chamber(*TOLD[:2], end_s=60.0)) == "the chamber did not run long enough"
@@ -436,6 +439,11 @@ def test_means_of_what_a_simulation_foretells_are_its_integrals(period_s):
     b = a + period_s
     assert found[:199] == pytest.approx(((a * a + a * b + b * b) / 3.0)[:199], rel=1e-4, abs=1e-3)
     assert np.isnan(found[201:]).all()
+    # what begins or ends within a step and a half of the course is taken as it is at its end
+    coarse = period_s * np.arange(1.0, 300.0)
+    means = _means(s, coarse, coarse)
+    assert means[0] == pytest.approx(period_s) and means[1:299] == pytest.approx(coarse[:298] + 0.5 * period_s)
+    assert np.isfinite(means).all() and np.isnan(_means(s, coarse[1:], coarse[1:])[0])
 
 
 def test_paths_of_a_simulation_are_those_from_its_model_file():

@@ -152,6 +152,8 @@ def test_rounded_stamps_of_even_rows_lie_on_their_grid():
     odd[np.flatnonzero(np.diff(grid > 80.0))] = True
     assert _evened(stretched, odd)[1] and not _evened(stretched, np.zeros(296, dtype=bool))[1]
     assert not _evened(np.array([0.0, 1.0]), np.zeros(1, dtype=bool))[1]
+    three, found = _evened(np.array([4.0, 5.0, 6.0]), np.zeros(2, dtype=bool))
+    assert found and three == pytest.approx([0.0, 1.0, 2.0])
     assert not _evened(np.array([0.0, 1.0, 1.0, 2.0]), np.zeros(3, dtype=bool))[1]
 
 
