@@ -115,10 +115,7 @@ class TestBench:
         self._used = True
         request = RunRequest(procedure, parameters, self.file, self.runs, self._operator())
         result = run_in_lab(request, self._lab)
-        measurements = tuple(
-            Measured(**(row | {"value": _number(row["value"])}))
-            for row in Run.open(result.folder).manifest.measurements
-        )
+        measurements = tuple(event for _, event in Run.open(result.folder).of(Measured))
         self._report("run_folder", str(result.folder))
         self._report("run_outcome", result.outcome)
         for measurement in measurements:

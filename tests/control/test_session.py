@@ -8,7 +8,7 @@ import pytest
 from bench.control.questions import AssumeYes, Reply
 from bench.control.session import Bench
 from bench.record.benchfile import LimitsSection, SafeSection
-from bench.record.events.run import Invalid, Requested
+from bench.record.events.run import Basis, Invalid, Requested
 from drivers.base.clock import Interrupt
 from drivers.base.errors import (
     ConfigurationError,
@@ -402,6 +402,15 @@ def test_measurements_are_judged_against_their_limits(made):
     assert made.bench.measure("d", float("nan"), "K", low=1.0) is False
     made.bench.measure("e", 1.0, "K")
     assert [measured.passed for measured in made.bench.measurements] == [True, False, False, False, None]
+    with pytest.raises(ConfigurationError, match="no such quantity of a bench") as refused:
+        made.bench.measure("f", 1.0, "K", basis=Basis(inputs={"time_base_ppm": 1.0, "time_base": 1.0}))
+    assert (refused.value.where, refused.value.found) == ("f", "time_base")
+    made.bench.measure("g", 1.0, "K", basis=Basis("air_temperature", since_s=2.0))
+    assert made.record.of("measurement")[-1]["basis"] == {
+        "of": "air_temperature",
+        "since_s": 2.0,
+        "inputs": {},
+    }
     made.bench.invalidate("too slow", "shock_too_slow", rate_k_per_min=8.25)
     assert made.bench.invalid_reasons == [Invalid("shock_too_slow", "too slow", {"rate_k_per_min": 8.25})]
     assert made.record.of("invalid")[-1] == made.bench.invalid_reasons[-1].fields()

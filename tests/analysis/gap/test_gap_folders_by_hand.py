@@ -442,7 +442,9 @@ def test_means_of_what_a_simulation_foretells_are_its_integrals(period_s):
     # what begins or ends within a step and a half of the course is taken as it is at its end
     coarse = period_s * np.arange(1.0, 300.0)
     means = _means(s, coarse, coarse)
-    assert means[0] == pytest.approx(period_s) and means[1:299] == pytest.approx(coarse[:298] + 0.5 * period_s)
+    assert means[0] == pytest.approx(period_s) and means[1:299] == pytest.approx(
+        coarse[:298] + 0.5 * period_s
+    )
     assert np.isfinite(means).all() and np.isnan(_means(s, coarse[1:], coarse[1:])[0])
 
 

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from bench.record.events.run import Measured, Note, PhaseBegun
+from bench.record.events import read_event
+from bench.record.events.run import Basis, Measured, Note, PhaseBegun
 from bench.record.recording import EventLog, read_events
 from drivers.base.errors import RecordError
 
@@ -23,6 +24,18 @@ def test_every_line_is_on_disk_at_once(tmp_path):
         "high": None, "passed": True,
     }  # fmt: skip
     log.close()
+
+
+def test_what_a_measurement_rests_on_is_read_as_it_was_written(tmp_path):
+    basis = Basis("air_rate", 12.5, 56.0, 0.1, {"time_base_ppm": -1e-5})
+    whole = Measured("shock", 11.7, "K/min", 10.0, None, True, "fog", basis)
+    log = EventLog(tmp_path)
+    log.event(1.0, whole)
+    log.close()
+    (row,) = read_events(tmp_path).rows
+    assert read_event(row) == (1.0, whole)
+    with pytest.raises(ValueError, match="basis"):
+        read_event(row | {"basis": {"of": "hearsay"}})
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
