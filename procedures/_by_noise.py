@@ -90,10 +90,10 @@ def repeated(repeats: int) -> float:
     return (4.0 * repeats - 1.0) / (3.0 * repeats**2)
 
 
-def dwells_s(record: AtRest, longest_s: float = _LONGEST_S) -> Iterator[float]:
+def dwells_s(record: AtRest) -> Iterator[float]:
     """Yield dwells in steps of 2^(1/2), as long as the record can tell."""
     dwell_s = _SHORTEST_S
-    while dwell_s <= min(longest_s, len(record.samples) / _FEWEST_WINDOWS):
+    while dwell_s <= min(_LONGEST_S, len(record.samples) / _FEWEST_WINDOWS):
         yield float(round(dwell_s))
         dwell_s *= math.sqrt(2.0)
 

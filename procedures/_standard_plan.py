@@ -168,9 +168,8 @@ class SmallInput:
 
 @dataclass(frozen=True)
 class Plan:
-    """All dwells of a test, part by part. `by_noise`: whether a record at rest settled what was not given.
+    """All dwells of a test, part by part.
 
-    `shown_dph`: the smallest input that should then be shown; None where none should, or nothing is known.
     `too_noisy`: units that no input would show in the time, beside others that one would: they had no say.
     """
 
@@ -179,8 +178,6 @@ class Plan:
     inputs: tuple[SmallInput, ...]
     rate_dwell_s: float
     sequences: int
-    by_noise: bool = False
-    shown_dph: float | None = None
     too_noisy: tuple[str, ...] = ()
 
     @classmethod
@@ -208,7 +205,7 @@ class Plan:
         if not able:
             able = [min(known, key=lambda name: known[name][0].error_dph)]
         among = schedules([records[name] for name in able], SETTLE_S + _MOVE_S)
-        inputs, shown_dph = self.inputs, None
+        inputs = self.inputs
         if self.p.step_dwell_s is None:
             inputs = _inputs(among, self.grade)
         else:
@@ -217,17 +214,24 @@ class Plan:
             inputs = tuple(
                 replace(each, schedule=replace(each.schedule, error_dph=near.error_dph)) for each in inputs
             )
-        shown_dph = min((each.input_dph for each in inputs if each.shown), default=None)
         rate_dwell_s, sequences = self._rates(among)
         return replace(
             self,
             inputs=inputs,
             rate_dwell_s=rate_dwell_s,
             sequences=sequences,
-            by_noise=True,
-            shown_dph=shown_dph,
             too_noisy=tuple(name for name in known if name not in able),
         )
+
+    @property
+    def by_noise(self) -> bool:
+        """Whether a record at rest settled what was not given."""
+        return math.isfinite(self.inputs[0].schedule.error_dph)
+
+    @property
+    def shown_dph(self) -> float | None:
+        """The smallest input that should be shown; None where none should, or nothing is known."""
+        return min((each.input_dph for each in self.inputs if each.shown), default=None)
 
     def _rates(self, among: Sequence[Schedule]) -> tuple[float, int]:
         """Return dwell and number of sequences that tell a nonlinearity of `residual_ppm` soonest."""

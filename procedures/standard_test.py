@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -212,8 +211,7 @@ def _measure(bench: Bench, dwell: Dwell) -> None:
     """Record for as long as it takes, then say from when to when and under what."""
     start_s = bench.now_s
     bench.wait(dwell.length_s, dwell.test.replace("_", " "))
-    fields: dict[str, Any] = dwell.fields
-    bench.event(Interval(dwell.test, start_s, bench.now_s, **fields))
+    bench.event(Interval(dwell.test, start_s, bench.now_s, **dwell.fields))
 
 
 def expected_duration_s(p: StandardTestParameters) -> float:

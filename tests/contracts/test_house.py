@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import ast
+import subprocess
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parents[2]
 PRODUCT = ("bench", "drivers", "procedures", "simulators")
@@ -11,6 +14,15 @@ MOST_ROOMS = 8
 MOST_EXPORTED = 350
 LONGEST_FUNCTION = 101
 LONGEST_FILE = 407
+
+
+LARGEST_BYTES = 400_000
+TOP = {
+    ".ci", ".gitignore", "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE", "Makefile", "README.md",
+    "SECURITY.md", "bench", "benchmarks", "constraints.txt", "deploy", "docs", "drivers", "examples", "gyrobench",
+    "procedures", "pyproject.toml", "simulators", "tests",
+}  # fmt: skip
+"""What the project has at its top; whatever else lies there is somebody's download or a run."""
 
 
 def sources() -> list[Path]:
@@ -22,6 +34,19 @@ def exported(package: Path) -> list[str]:
         if isinstance(node, ast.Assign) and any(ast.unparse(name) == "__all__" for name in node.targets):
             return list(ast.literal_eval(node.value))
     return []
+
+
+def test_nothing_but_the_project_is_kept() -> None:
+    """Every clone pays for a file for good: packages, records and downloads are not of the project."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("no git checkout: an archive says nothing of what is kept")
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True)
+    kept = [name for name in listed.stdout.split("\0") if name and (ROOT / name).exists()]
+    assert {name.split("/")[0] for name in kept} <= TOP
+    large = {
+        name: (ROOT / name).stat().st_size for name in kept if (ROOT / name).stat().st_size > LARGEST_BYTES
+    }
+    assert large == {}
 
 
 def test_bench_is_a_few_rooms_without_loose_modules() -> None:

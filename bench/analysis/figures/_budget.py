@@ -112,12 +112,12 @@ def _of_bench(
             yield bench.of("unit_temp_c", value * _PPM * per_degree["scale-factor"], signed=False)
     elif name in (ELEVATION, MISALIGNMENT_ALONG, MISALIGNMENT_ACROSS):
         slope = math.tan(value * _RAD) / _RAD * _PPM
-        if name != ELEVATION and 180.0 in turned_over(
-            record.intervals("misalignment")
-        ):  # half the difference of two seats in the same fixture
-            yield bench.of("fixture_seat_deg", 0.5, difference=True)
-        elif name != ELEVATION:
-            yield bench.of("fixture_deg", -1.0)
+        if name != ELEVATION:
+            # turned over it is half the difference of two seats in the same fixture
+            over = 180.0 in turned_over(record.intervals("misalignment"))
+            yield (
+                bench.of("fixture_seat_deg", 0.5, difference=True) if over else bench.of("fixture_deg", -1.0)
+            )
         yield bench.of("time_base_ppm", -slope)
         yield bench.of("table_rate_ppm", slope)
     elif name in ("threshold", "resolution"):

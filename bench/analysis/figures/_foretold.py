@@ -160,6 +160,8 @@ def noise_named(values: Mapping[str, float | str]) -> NoiseCoefficients:
     for name, value in values.items():
         try:
             found[names[name]] = abs(float(value))
+            if not math.isfinite(found[names[name]]):
+                raise ValueError(value)
         except (KeyError, ValueError) as error:
             raise ConfigurationError(
                 "a coefficient that is no number" if name in names else "no such coefficient of noise",
@@ -203,8 +205,15 @@ def foretell(
     units: dict[str, str] = {}
     reasons: dict[str, str] = {}
     durations_s: list[float] = []
-    before = [row.end_s - row.start_s for row in intervals(np.zeros(0)) if row.test == "noise"]
-    rest_s = round(max(before, default=3600.0))
+    before = intervals(np.zeros(0))
+    if not before:
+        raise ConfigurationError(
+            "the test measures nothing",
+            where="intervals",
+            found="no interval",
+            expected="one interval or more",
+        )
+    rest_s = round(max((row.end_s - row.start_s for row in before if row.test == "noise"), default=3600.0))
     for seed in range(_UNITS):
         rows = intervals(noise_samples(noise, rest_s, _RATE_HZ, 2 * seed))
         durations_s.append(rows[-1].end_s)

@@ -14,7 +14,14 @@ from bench.analysis.common.allan_noise import NoiseFit
 from bench.analysis.common.bench_errors import BenchErrors
 from bench.analysis.figures._budget import with_budgets
 from bench.analysis.figures._estimate import spread
-from bench.analysis.figures._parts import PARTS, Figure, noise_figures, noise_of
+from bench.analysis.figures._parts import (
+    ELEVATION,
+    MISALIGNMENT_ACROSS,
+    PARTS,
+    Figure,
+    noise_figures,
+    noise_of,
+)
 from bench.analysis.figures._record import Measured, Record
 from bench.record.benchfile import calibrations_of
 from bench.record.events.run import Interval
@@ -116,6 +123,14 @@ def figures_of_record(
             figures += part(record, coefficients)
         except BenchError as error:
             missing.append((what, str(error)))
+    names = {figure.name for figure in figures}
+    if ELEVATION in names and MISALIGNMENT_ACROSS not in names:
+        missing.append(
+            (
+                MISALIGNMENT_ACROSS,
+                "nobody turned the unit to 90 and 270 deg about its axis, both senses of rotation each",
+            )
+        )
     return figures + of_noise, missing, allan, noise
 
 

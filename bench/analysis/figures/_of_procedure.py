@@ -34,7 +34,9 @@ class _Taken:
     """A measurement and the stretch of its record that it was made of."""
 
     value: float
-    item: Measured
+    unit: str
+    gyro: str | None
+    basis: Basis
     start_s: float
     end_s: float
     run: Run
@@ -78,17 +80,18 @@ def procedure_budgets(run: Run) -> dict[str, Budget]:
         start_s = basis.since_s
         if start_s is None:
             start_s = max((phase.start_s for phase in phases if phase.start_s < at_s), default=0.0)
-        taken = _Taken(item.value, item, start_s, at_s, run, bench)
+        taken = _Taken(item.value, item.unit, item.gyro, basis, start_s, at_s, run, bench)
         with suppress(RecordError):  # a record without that table
-            if inputs := tuple(_inputs(taken, basis)):
+            if inputs := tuple(_inputs(taken)):
                 found[item.name] = Budget(item.value, inputs)
     return found
 
 
-def _inputs(taken: _Taken, basis: Basis) -> Iterator[Contribution]:
+def _inputs(taken: _Taken) -> Iterator[Contribution]:
+    basis = taken.basis
     if basis.standard_error is not None:
-        unit = taken.item.unit
-        yield Contribution("noise", basis.standard_error, 1.0, unit, kind="A", origin="the procedure")
+        error = basis.standard_error
+        yield Contribution("noise", error, 1.0, taken.unit, kind="A", origin="the procedure")
     if basis.of is not None:
         yield from _RULES[basis.of](taken)
     for quantity, sensitivity in basis.inputs.items():
@@ -100,8 +103,7 @@ def _rate_of_fall(taken: _Taken) -> Iterator[Contribution]:
     air_c = taken.air_c()
     fall_k = float(air_c[0] - air_c.min()) if len(air_c) else 0.0
     if fall_k > 0.0 and taken.value > 0.0:
-        assert taken.item.basis is not None
-        change_k = taken.item.basis.change_k or fall_k
+        change_k = taken.basis.change_k or fall_k
         yield taken.bench.of("air_temp_c", taken.value / fall_k, difference=True)
         yield from taken.resolution(taken.value / change_k, 2)
         yield taken.bench.of("time_base_ppm", taken.value * _PPM)
@@ -118,8 +120,9 @@ def _unit_temperature(taken: _Taken) -> Iterator[Contribution]:
 
 def _output(taken: _Taken) -> Iterator[Contribution]:
     """The mean of a gyro's output: what its 10 s means scatter."""
-    gyro = taken.item.gyro
-    means = _block_means_dph(taken, gyro) if gyro in taken.run.gyros and gyro is not None else np.zeros(0)
+    if taken.gyro is None or taken.gyro not in taken.run.gyros:
+        return
+    means = _block_means_dph(taken, taken.gyro)
     if len(means) >= _LEAST_BLOCKS:
         standard = float(means.std(ddof=1)) / math.sqrt(len(means))
         yield Contribution(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from typer import Context, Option, Typer
+from typer import BadParameter, Context, Option, Typer
 
 from bench.present.cli import _options as options
 from bench.present.cli._run import PARAMETERS_TOO, Set, chosen
@@ -57,6 +57,8 @@ def foretell(
     named = parse_settings(
         noise or [], "--noise", "a coefficient that is not name=value", "angle_random_walk=0.004"
     )
+    if like is not None and named:
+        raise BadParameter("the noise is that of --noise or that of --like, not both", param_hint="--like")
     coefficients = noise_named(named) if like is None else noise_like(like, gyro)
     file = load_bench_file(bench)
     with console.status("drawing units"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -87,7 +88,11 @@ def test_of_white_noise_it_is_what_the_formulas_say():
     # an error of sqrt(1.5) N: of 0.01 deg/h nothing is shown, of 0.08 all but always
     assert found["threshold"].resolves == pytest.approx(0.08, rel=1e-3)
     missing = {name: each.reason for name, each in found.items() if each.resolves is None}
-    assert set(missing) == {"warm-up time", "resolution", "scale factor", "temperature sensitivity"}
+    across = "input-axis misalignment, component across the table"
+    assert set(missing) == {
+        "warm-up time", "resolution", "scale factor", "temperature sensitivity", across,
+    }  # fmt: skip
+    assert "90 and 270 deg" in missing[across]
     assert "no interval of resolution" in missing["resolution"]
     assert "quantisation" not in found and found["resolution"].shown() == {
         "resolution": missing["resolution"]
@@ -145,8 +150,14 @@ def test_a_procedure_without_intervals_and_a_unit_without_noise_are_refused():
     with pytest.raises(ConfigurationError, match="no such coefficient") as refused:
         gyrobench.foretell("standard-test", DEMO, {"arw": 0.01})
     assert refused.value.found == "arw=0.01" and "angle_random_walk" in refused.value.expected
-    with pytest.raises(ConfigurationError, match="no number"):
-        gyrobench.foretell("standard-test", DEMO, {"angle_random_walk": "little"})
+    for none in ("little", math.nan, math.inf):
+        with pytest.raises(ConfigurationError, match="no number"):
+            gyrobench.foretell("standard-test", DEMO, {"angle_random_walk": none})
+    with pytest.raises(ConfigurationError, match="measures nothing"):
+        gyrobench.foretell(replace(plain, intervals=lambda p, rest: []), DEMO, {"angle_random_walk": 0.01})
+    words = ["foretell", "standard-test", "--bench", DEMO, "--noise", "rate_ramp=1", "--like", "runs/one"]
+    refused = CliRunner().invoke(app, words)
+    assert refused.exit_code == 2 and "not both" in refused.output
 
 
 @pytest.mark.parametrize(
