@@ -62,7 +62,7 @@ class _Chamber(_Device):
 class _Table(_Device):
     angle_deg: Number | None = None
     rate_dps: Number | None = None
-    demands: dict[str, dict[str, Any] | None] = Field(default_factory=dict)
+    demands: dict[str, dict[str, Number | str | None] | None] = Field(default_factory=dict)
 
 
 class _Gyro(_Device):

@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from bench.control.live import read_now
@@ -538,6 +538,7 @@ def places(value, path=()):
         yield from places(value[key], (*path, key))
 
 
+@example(("table", "demands", "table", "rate_dps"), 10**400)
 @given(st.sampled_from([place for place in places(VALID) if place]), ANYTHING)
 def test_whatever_stands_in_a_live_file_the_page_is_told_or_the_file_is_refused(place, value) -> None:
     now = json.loads(json.dumps(VALID))
