@@ -165,7 +165,7 @@ def threshold(steps: Sequence[RateStep], *, share: float = 0.5) -> Estimate:
     found, low = math.inf, 0.0
     by_size = sorted(steps, key=lambda step: -abs(step.input_dph))
     for step in by_size:
-        if step.ratio - step.margin < share:
+        if not step.ratio - step.margin >= share:  # an answer that is no number shows nothing
             break
         found = abs(step.input_dph)
     low = max((abs(step.input_dph) for step in steps if step.ratio + step.margin < share), default=0.0)

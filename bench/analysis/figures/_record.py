@@ -20,6 +20,8 @@ MOST_SAMPLES = 1 << 25
 """Samples of a noise record beyond which neighbours are averaged: 9 h at 1 kHz, 0.3 GB."""
 _FEWEST = 3
 _MOST_EMPTY = 0.01
+_EDGE_S = 2.0
+"""Time that a slow stream may leave at the ends of an interval."""
 
 
 class Measured(Protocol):
@@ -88,9 +90,22 @@ class Record:
         )
 
     def output_dph(self, interval: Interval) -> Array:
-        """Valid samples of an interval, deg/h."""
-        table = self._table(interval, ("rate_dps", "valid"))
-        return np.asarray(3600.0 * table["rate_dps"][table["valid"].astype(np.bool_)].astype(np.float64))
+        """Valid samples of an interval, deg/h; RecordError if they do not reach from its begin to its end."""
+        table = self._table(interval, ("time_ns", "rate_dps", "valid"))
+        valid = table["valid"].astype(np.bool_)
+        time_s = seconds(table)[valid]
+        length_s = interval.end_s - interval.start_s
+        silent_s = length_s
+        if len(time_s):
+            silent_s = float(max(time_s[0] - interval.start_s, interval.end_s - time_s[-1]))
+        if silent_s > _MOST_EMPTY * length_s + _EDGE_S:
+            raise RecordError(
+                "the unit was silent where it was to be measured",
+                where=f"{interval.test}, {self.gyro}",
+                found=f"nothing valid for {silent_s:.1f} s of {length_s:.1f} s, from {interval.start_s:.1f} s on",
+                expected="samples from the begin of the interval to its end",
+            )
+        return np.asarray(3600.0 * table["rate_dps"][valid].astype(np.float64))
 
     def mean_dps(self, interval: Interval) -> float:
         return float(self.output_dph(interval).mean() / 3600.0)

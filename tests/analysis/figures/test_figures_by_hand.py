@@ -239,6 +239,31 @@ def test_a_records_seconds_and_samples_are_even_and_whole():
     assert refused.value.found == "3 of 200 seconds without a valid sample"
 
 
+@pytest.mark.parametrize(
+    ("first_s", "last_s", "silent_s"), [(100.0, 160.0, 40.0), (104.0, 200.0, 4.0), (None, 0, 100.0)]
+)
+def test_a_unit_that_is_silent_in_an_interval_has_no_mean_there(first_s, last_s, silent_s):
+    """Unplugged at 160 s of a dwell from 100 to 200 s, back 4 s late, or gone: no half is taken for all."""
+    interval = Interval("scale_factor", 100.0, 200.0, rate_dps=10.0)
+    time_s = np.arange(100.0, 200.5, 0.5)
+    valid = np.zeros(len(time_s), np.int8) if first_s is None else (first_s <= time_s) & (time_s <= last_s)
+    record = record_of(table(time_s, rate_dps=np.full(len(time_s), 10.0), valid=valid))
+    for read in (record.output_dph, record.mean_dps):
+        with pytest.raises(RecordError, match="silent") as refused:
+            read(interval)
+        assert refused.value.found.startswith(f"nothing valid for {silent_s:.1f} s of 100.0 s")
+    late = (time_s >= 102.5) & (time_s <= 197.5)
+    whole = record_of(table(time_s, rate_dps=np.full(len(time_s), 10.0), valid=late))
+    assert whole.mean_dps(interval) == pytest.approx(10.0)
+
+
+def test_an_answer_that_is_no_number_shows_no_input():
+    steps = [RateStep(1.0, math.nan, 0.1), RateStep(2.0, 2.0, 0.1)]
+    assert threshold(steps).value == 2.0
+    with pytest.raises(ConfigurationError, match="no input is shown"):
+        threshold([RateStep(1.0, 1.0, 0.1), RateStep(2.0, math.nan, 0.1)])
+
+
 def test_a_turn_in_the_fixture_that_nobody_made_is_no_position():
     """Questions answered beforehand (`--yes`) are answered by nobody; somebody's answer stands."""
     rows = [Interval("misalignment", 0.0, 1.0, roll_deg=roll) for roll in (0.0, 180.0, 90.0)]
