@@ -21,7 +21,7 @@ from bench.lab.emulated import Plant, unit_seed
 from bench.lab.rehearsal import rehearse_procedure
 from bench.present.cli._app import app
 from bench.record.benchfile import load_bench_file
-from bench.record.events.run import Interval, Series
+from bench.record.events.run import Interval, Prompt, RateDemand, Series
 from bench.record.recording import Run, read_manifest
 from drivers.base.errors import ConfigurationError
 from procedures._by_noise import AtRest
@@ -179,6 +179,13 @@ def test_a_ring_laser_through_the_test_plan_of_the_standards(bench: SimpleNamesp
     skew = {"mount_tilt_deg": 0.2, "lean_deg": {"rlg_1": (-0.05, 0.03)}}
     folder = record(bench, tmp_path, "standard-test", 1, 5, STANDARD, shown.append, **skew)
     figures = standard_figures(folder)
+    # nobody lays hands on a table that turns
+    told = [event for _, event in Run.open(folder).of(Prompt | RateDemand)]
+    asked = [k for k, event in enumerate(told) if isinstance(event, Prompt) and "unit" in event.question]
+    assert len(asked) == 6  # two mountings, three turns, a power cycle
+    before = [[e for e in told[:k] if isinstance(e, RateDemand)][-1:] for k in asked]
+    assert all(each[0].rate_dps == 0.0 for each in before if each)
+    assert sum(map(len, before)) >= 4
     # turned over in its fixture the unit shows what is its own; a milliradian of 0.2 deg is 0.0002 deg
     for way, true in (("along", 0.03), ("across", -0.05)):
         name = f"input-axis misalignment, component {way} the table"

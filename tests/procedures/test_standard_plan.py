@@ -12,10 +12,12 @@ from scipy.stats import norm
 from bench.analysis.common.allan_noise import NoiseCoefficients
 from bench.analysis.common.mean_noise import covariance_of_means
 from bench.analysis.figures._parts import alternation_weights
+from bench.record.events.run import Interval
 from benchmarks.allan import simulate
 from drivers.base.errors import ConfigurationError
+from procedures import standard_test
 from procedures._by_noise import AtRest, Schedule, dwells_s, finest, repeated, schedules, shortest
-from procedures._standard_plan import GRADES, Plan, StandardTestParameters
+from procedures._standard_plan import GRADES, Dwell, Plan, StandardTestParameters
 from procedures.standard_test import PROCEDURE
 
 N = 0.01
@@ -54,6 +56,10 @@ def test_a_drift_and_missing_seconds_are_no_noise():
     holes[7::10] = math.nan
     holes[20_000:22_000] = math.nan
     assert AtRest.of_means(holes).difference_dph(300.0, 30.0) == pytest.approx(plain, rel=0.15)
+    lone = means.copy()  # a stretch of which one second in 200 is there: no dwell
+    lone[20_000:40_000] = math.nan
+    lone[20_000:40_000:200] = means[20_000:40_000:200]
+    assert AtRest.of_means(lone).difference_dph(300.0, 30.0) == pytest.approx(plain, rel=0.15)
     every_fourth = np.arange(len(means)) % 4 == 0  # a bus that hands over four seconds at once
     sums = np.where(every_fourth, np.convolve(means, np.ones(4))[: len(means)], 0.0)
     together = AtRest(4.0 * every_fourth, sums)
@@ -122,6 +128,9 @@ def test_inputs_are_as_small_as_the_noise_lets_be_shown_in_the_time():
         assert norm.cdf((1.0 - 0.5) / ratio - 1.959964) >= 0.949
     assert [each.number for each in plan.inputs] == list(range(plan.inputs[0].number, 5))
     assert sum(each.schedule.duration_s for each in plan.inputs) <= 4.0 * 3600.0
+    for hours in (0.3, 0.6, 1.0, 2.0, 4.0):
+        within = planned((0.0, 0.002, 0.0, 0.0, 0.0), steps_h=hours)
+        assert sum(each.schedule.duration_s for each in within.inputs) <= hours * 3600.0
     longer = planned((0.0, 0.004, 0.006, 0.0, 0.0), steps_h=40.0)
     assert longer.inputs[0].input_dph < plan.inputs[0].input_dph
     quiet = planned((0.0, 1e-4, 1e-4, 0.0, 0.0))
@@ -185,6 +194,10 @@ def test_rates_are_dwelt_at_until_a_residual_can_be_told():
     assert (plain.rate_dwell_s, plain.sequences) == (60.0, 2)
     given = planned((0.0, white, 0.0, 0.0, 0.0), residual_ppm=3.0, rates_h=40.0, rate_dwell_s=60.0)
     assert given.rate_dwell_s == 60.0 and given.sequences == 6
+    patient = planned((0.0, 10.0, 0.0, 0.0, 0.0), rates_h=200.0, noise_h=100.0)
+    assert (
+        patient.rate_dwell_s == 480.0 and patient.sequences == 6
+    )  # what ten minutes and six sequences can do
     short = planned((0.0, white, 0.0, 0.0, 0.0), residual_ppm=3.0, rates_h=0.1)
     assert (short.rate_dwell_s, short.sequences) == (60.0, 2)
 
@@ -199,7 +212,14 @@ def test_the_intervals_of_a_plan_are_in_the_order_of_the_test_without_overlap():
     assert all(before.end_s <= after.start_s for before, after in pairwise(rows))
     assert len([row for row in rows if row.test == "bias"]) == 7
     fog = PROCEDURE.intervals(PROCEDURE.parse({}), np.zeros(0))
-    assert [row.end_s - row.start_s for row in fog if row.test == "axis_east"] == [900.0] * 4
+    east = [row for row in fog if row.test == "axis_east"]
+    assert [row.end_s - row.start_s for row in east] == [900.0] * 4
+    first, second = [row for row in fog if row.test == "bias"][:2]
+    assert first.start_s == east[-1].end_s and second.start_s - first.end_s == 60.0 + 3600.0
+    # the way back from 60 to 25 degC at 2 K/min comes after the last dwell
+    assert PROCEDURE.expected_duration_s(PROCEDURE.parse({})) - fog[-1].end_s == pytest.approx(60.0 * 17.5)
+    cold = PROCEDURE.intervals(PROCEDURE.parse({"rate_dwell_s": "1200"}), np.zeros(0))
+    assert min(row.end_s - row.start_s for row in cold if row.test == "temperature") == 1200.0
     inputs = [row.input_dph for row in rows if row.test == "threshold"]
     assert inputs[::2] == [0.0] * len(inputs[::2]) and set(inputs[1::2]) == {-9.6} and len(inputs) > 3
     assert [row.roll_deg for row in rows if row.test == "misalignment"] == [0, 0, 180, 180, 90, 90, 270, 270]
@@ -210,6 +230,35 @@ def test_the_intervals_of_a_plan_are_in_the_order_of_the_test_without_overlap():
     assert soaks[1].start_s - soaks[0].end_s > 60.0 * (150.0 + 32.5)
     assert soaks[2].start_s - soaks[1].end_s > 60.0 * (150.0 + 50.0)
     assert all(row.end_s - row.start_s >= 600.0 for row in rows if row.test == "temperature")
+
+
+def test_a_unit_that_is_gone_at_the_end_of_the_record_has_no_say():
+    class Gyro:
+        def __init__(self, gone):
+            self.gone = gone
+
+        def seconds(self, start_s, end_s):
+            count = round(end_s - start_s)
+            return np.full(count, 2.0), np.full(count, 2.0 * start_s)
+
+    class Bench:
+        def __init__(self):
+            self.now_s, self.told = 100.0, []
+            self.gyros = {"here": Gyro(False), "lost": Gyro(True)}
+
+        def wait(self, length_s, doing):
+            self.now_s += length_s
+
+        def event(self, event):
+            self.told.append(event)
+
+    bench = Bench()
+    found = standard_test._record_noise(bench, Dwell("noise", 700.0))
+    assert set(found) == {"here"} and bench.told == [Interval("noise", 100.0, 800.0)]
+    assert len(found["here"].samples) == 700
+    assert found["here"].sums_dph[[0, 299, 300, 600, 699]] / 7200.0 == pytest.approx(
+        [100, 100, 400, 700, 700]
+    )
 
 
 def test_presets_and_what_is_given():

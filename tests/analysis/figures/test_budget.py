@@ -62,6 +62,15 @@ def test_what_raises_the_input_axis_is_taken_off_the_bias() -> None:
     assert bias.low is not None and bias.low < truth(unit, 1.0)["bias"] < (bias.high or 0.0)
 
 
+def test_the_bias_is_corrected_by_the_axis_as_it_lay_not_by_what_is_the_units_own() -> None:
+    """0.3 deg of the unit and 0.2 deg of its fixture let in 15.04 sin(39.1 deg) sin(0.5 deg) = 0.0828 deg/h."""
+    unit = Unit(GRADES[1], FAULTS, 4, {"fixture_deg": 0.2})
+    (raw,) = (item for item in figures_of_record(unit)[0] if item.name == "bias")
+    found = figures(unit, BenchErrors(BENCH))
+    assert raw.value - found["bias"].value == pytest.approx(0.0828, abs=3e-4)
+    assert found[MISALIGNMENT].value == pytest.approx(0.3, abs=2e-3)
+
+
 def test_a_bench_without_certificates_is_assumed_and_says_so() -> None:
     unit = Unit(GRADES[1], replace(FAULTS, misalignment_deg=0.01), 5)
     found = figures(unit, BenchErrors())

@@ -14,6 +14,7 @@ from bench.analysis.common.allan_confidence import confidence_interval, noise_ex
 from bench.analysis.common.allan_noise import NoiseCoefficients, _intervals, fit_noise
 from bench.analysis.common.bench_errors import BenchErrors
 from bench.analysis.figures import Figure, _record
+from bench.analysis.figures import _parts as figures_parts
 from bench.analysis.figures._bias import bias_figures, warm_up_time_s
 from bench.analysis.figures._budget import with_budgets
 from bench.analysis.figures._from_run import figures_of_record
@@ -139,6 +140,32 @@ def test_a_misalignment_is_the_arc_sine_of_the_output_over_the_rate_of_the_table
     assert PARTS["misalignment"](Rows(*rows, means=least), WHITE)[0].value == -90.0
     with pytest.raises(ConfigurationError, match="one side only"):
         PARTS["misalignment"](Rows(*rows[:1], means=means), WHITE)
+
+
+class Steps(Rows):
+    def output_dph(self, row):
+        return np.full(600, self.of["outputs"][row.start_s])
+
+
+@pytest.mark.parametrize("rows", [3, 4, 5, 6])
+def test_an_input_that_a_stopped_run_did_not_take_away_again_does_not_count(rows):
+    """Zero, input, zero, input, zero: of 0.4 deg/h all of it, then half of it, on a drift of 1 deg/h an hour."""
+    inputs, answers = (0.0, 0.4, 0.0, 0.4, 0.0, 0.4), (0.0, 0.4, 0.0, 0.2, 0.0, 9.0)
+    steps = [rest(3600.0 * k, test="threshold", step=0, input_dph=-size) for k, size in enumerate(inputs)]
+    outputs = {row.start_s: -answer + k for k, (row, answer) in enumerate(zip(steps, answers, strict=True))}
+    seen = []
+    original = figures_parts.threshold
+
+    def noted(given):
+        seen.extend(given)
+        return original(given)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(figures_parts, "threshold", noted)
+        PARTS["threshold"](Steps(*steps[:rows], outputs=outputs), WHITE)
+    (step,) = seen
+    assert step.input_dph == -0.4
+    assert step.output_dph == pytest.approx(-0.4 if rows < 5 else -0.3)
 
 
 def turned_over(*rolls_deg, fixture_deg=0.2, to_next_deg=-0.05, to_last_deg=0.03):

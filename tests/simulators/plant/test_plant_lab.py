@@ -15,7 +15,7 @@ from simulators.interfaces import GyroPlant
 from simulators.plant import LabPlant, PlantConfig, TableParameters, UnitConfig
 from simulators.plant.fog import fog_unit
 from simulators.plant.fog_parameters import FOG_MID
-from simulators.plant.mounting import Mounting
+from simulators.plant.mounting import Mount, Mounting
 
 QUIET = tuple(effect_names(fog_unit(FOG_MID, 0)))
 STILL = TableParameters(ripple_once_ppm=0.0, ripple_twice_ppm=0.0)
@@ -71,6 +71,19 @@ def test_a_unit_turned_about_its_axis_takes_its_lean_with_it_and_not_the_fixture
         means.append(mean_dph(lab, start, 20) / 3600.0)  # a whole turn
     elevation = math.degrees(math.asin((means[0] - means[1]) / 36.0))
     assert elevation == pytest.approx(fixture + to_next * next_up + to_last * last_up, abs=2e-6)
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+@pytest.mark.parametrize("mounting", ["axis_horizontal", "axis_up"])
+def test_a_turn_in_the_fixture_is_a_right_handed_one(axis: str, mounting: Mounting) -> None:
+    """Rodrigues about the axis under test: whatever is turned stays right-handed, and the axis stays."""
+    before, after = (Mount(mounting, 0.0, 3.0, axis, roll).axes_in_table() for roll in (0.0, 50.0))
+    k = before["xyz".index(axis)]
+    skew = np.array([[0.0, -k[2], k[1]], [k[2], 0.0, -k[0]], [-k[1], k[0], 0.0]])
+    angle = math.radians(50.0)
+    turn = np.eye(3) + math.sin(angle) * skew + (1.0 - math.cos(angle)) * skew @ skew
+    np.testing.assert_allclose(after, before @ turn.T, atol=1e-12)
+    assert np.linalg.det(after) == pytest.approx(1.0)
 
 
 def test_a_unit_with_z_up_is_not_turned_about_an_axis_that_nobody_told() -> None:
