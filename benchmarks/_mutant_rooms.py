@@ -184,6 +184,10 @@ ROOMS: dict[str, tuple[Part, ...]] = {
             "tests/analysis/gap/test_gap_one_diagnosis test_gap_platform test_gap_systems",
         ),
         _part(
+            "bench/analysis/gap/_fast _fast_data _fast_floor _fast_lines",
+            "tests/analysis/gap/test_gap_fast test_gap_aliases",
+        ),
+        _part(
             "bench/analysis/gap/_position",
             "tests/analysis/gap/test_gap_periods_by_hand test_gap_limits_by_hand",
             "tests/analysis/gap/test_gap_tables_by_hand test_gap_pieces_by_hand",
@@ -192,7 +196,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
             "tests/analysis/gap/test_gap_one_diagnosis",
         ),
         _part(
-            "bench/analysis/gap/_import _run_folder _data _model_file _recordings",
+            "bench/analysis/gap/_import _log_rows _other_axes _run_folder _data _model_file _recordings",
             "tests/analysis/gap/test_gap_periods_by_hand test_gap_limits_by_hand",
             "tests/analysis/gap/test_gap_tables_by_hand test_gap_pieces_by_hand",
             "tests/analysis/gap/test_gap_rows_by_hand test_gap_closing_by_hand test_gap_signals_by_hand",

@@ -58,6 +58,8 @@ class Input(Flag):
     TURN = auto()
     CLOCKS = auto()
     """How the sample times of gyro and table lie to each other."""
+    OTHER_AXES = auto()
+    """What the unit's accelerometers, or its gyros about other axes, measure."""
 
 
 _SLOW = Input.T_IN | Input.T_OUT | Input.WARMING | Input.GRADIENT | Input.HISTORY | Input.TIME

@@ -198,6 +198,20 @@ def _acceleration(s: Stimulus, _: Shape) -> Array:
     return np.stack((np.sin(elevation), np.cos(elevation)))
 
 
+def _across(s: Stimulus, _: Shape) -> Array:
+    """Return the specific force along the two other axes, (2, n); zero where nothing measured it."""
+    return np.zeros((2, len(s))) if s.force_g is None else s.force_g[1:]
+
+
+def _other_rates(s: Stimulus, _: Shape) -> Array:
+    """Return what a lean of 1 deg towards each of the two other axes picks up, (2, n)."""
+    return np.zeros((2, len(s))) if s.cross_rate_dph is None else math.radians(1.0) * s.cross_rate_dph
+
+
+def _towards(name: str, bound: float, unit: Unit) -> tuple[Parameter, ...]:
+    return tuple(Parameter(f"{name}_{which}", -bound, bound, unit) for which in ("next", "after_next"))
+
+
 ACCELERATION_EFFECTS = (
     Effect(
         "acceleration_sensitivity",
@@ -207,6 +221,24 @@ ACCELERATION_EFFECTS = (
         "attitude against gravity",
         "IEEE Std 952, acceleration sensitivity",
         "Bias depends on the direction of gravity.",
+    ),
+    Effect(
+        "cross_acceleration_sensitivity",
+        _towards("bias_dph_per_g", 100.0, DPH.per("g")),
+        _across,
+        Input.OTHER_AXES,
+        "specific force along the two other axes, as the unit's accelerometers measure it",
+        "IEEE Std 952, acceleration sensitivity",
+        "Bias depends on the specific force across the axis: on which of its sides the unit lies.",
+    ),
+    Effect(
+        "cross_axis_sensitivity",
+        _towards("lean_deg", 10.0, _DEG),
+        _other_rates,
+        Input.OTHER_AXES,
+        "rates about the two other axes, as the unit's gyros measure them",
+        "IEEE Std 952, input-axis misalignment",
+        "The sensitive axis leans towards the unit's other axes and picks up their rates.",
     ),
     Effect(
         "acceleration_squared",

@@ -19,6 +19,8 @@ _STEADY_DPS = 0.02
 _MOST_LINES = 6
 _LONGEST_S = 60.0
 """What repeats more slowly is switched by something (a compressor, a controller) and no vibration or mains."""
+_FEWEST_CYCLES = 8.0
+"""Of a line in the longest run: fewer are a drift that comes back."""
 _CLEAR = 14.0
 """Log evidence of a line, over all the frequencies looked at."""
 _MOST_POWER = 1e4
@@ -144,7 +146,8 @@ def _strongest(rests: Sequence[Array], records: Sequence[Record], period_s: floa
         total[use] += np.minimum(spectrum[use], _MOST_POWER)  # one run alone must not outvote all others
         power[use] += spectrum[use]
         count += use
-    use = (frequency > period_s / _LONGEST_S) & (frequency < 0.5 - 2.0 * _FINER / size) & (count > 0)
+    slowest = max(period_s / _LONGEST_S, _FEWEST_CYCLES * _FINER / size)
+    use = (frequency > slowest) & (frequency < 0.5 - 2.0 * _FINER / size) & (count > 0)
     if not use.any():
         return 0.0, 0.0
     from scipy.stats import gamma

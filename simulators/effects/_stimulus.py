@@ -23,7 +23,10 @@ class Stimulus:
     `time_s`, `t_in_c`, `t_out_c`, `elevation_deg` float64 (n,); `angle_deg` (n + 1,) the table's angle at the
     samples' edges, turns counted, counter-clockwise about up, zero where a horizontal axis points north.
     `elevation_deg` is the sensitive axis above the horizon: 90 up, 0 horizontal. `edge_rate_dps` (n + 1,) is the
-    table's rate at the samples' edges where telemetry is finer than the samples.
+    table's rate at the samples' edges where telemetry is finer than the samples. `force_g` (3, n): specific force
+    in units of standard gravity as the unit's accelerometers measure it, along the sensitive axis and then along
+    the two after it in the order x, y, z, x; `cross_rate_dph` (2, n): rates about these two as its gyros measure
+    them. Both None where nothing measured them.
     """
 
     time_s: Array
@@ -34,6 +37,8 @@ class Stimulus:
     latitude_deg: float
     period_s: float = 1.0
     edge_rate_dps: Array | None = None
+    force_g: Array | None = None
+    cross_rate_dph: Array | None = None
 
     def __len__(self) -> int:
         return len(self.time_s)

@@ -7,6 +7,8 @@ from bench.analysis.gap._designs import Design, designs_for, other_equipment
 from bench.analysis.gap._diagnose import Diagnosis, closed_model, diagnose
 from bench.analysis.gap._exam_folder import hold_exam, read_exam
 from bench.analysis.gap._facts import batch_facts, diagnosis_facts, identifiable_facts, log_gap_facts
+from bench.analysis.gap._fast import FastFinding
+from bench.analysis.gap._fast_lines import FastLine
 from bench.analysis.gap._findings import Cause, Finding, Place, Shrinkage
 from bench.analysis.gap._identify import Identifiable, identifiable
 from bench.analysis.gap._learn import Learned
@@ -34,6 +36,8 @@ __all__ = [
     "Diagnosis",
     "Difference",
     "Exam",
+    "FastFinding",
+    "FastLine",
     "Finding",
     "Identifiable",
     "Learned",

@@ -12,7 +12,7 @@ from bench.analysis.gap._generic import FreeCurve, free_curves, grid_points
 from bench.analysis.gap._model_file import Model
 from bench.analysis.gap._response import proposed_variants
 from drivers.base.arrays import Array
-from simulators.effects import Effect, Variant, catalogue
+from simulators.effects import Effect, Input, Variant, catalogue
 
 _LEAST_DETECTABLE = 5.0
 FREE_CURVE = -4.0
@@ -21,7 +21,12 @@ FREE_CURVE = -4.0
 
 def candidate_variants(model: Model, runs: Sequence[GapRun]) -> list[Variant]:
     """Return the catalogue's variants that the model does not have as terms, then free curves over the inputs."""
-    effects = list(effects_beside(model).values())
+    others = all(run.stimulus.force_g is None and run.stimulus.cross_rate_dph is None for run in runs)
+    effects = [
+        effect
+        for effect in effects_beside(model).values()
+        if not (others and Input.OTHER_AXES in effect.inputs)  # nothing measured what it follows
+    ]
     usual = [variant for effect in effects if effect.propose is None for variant in effect.variants()]
     return [*usual, *proposed_variants(effects, runs), *free_curves(runs)]
 

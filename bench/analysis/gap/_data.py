@@ -17,6 +17,7 @@ from drivers.base.errors import ConfigurationError
 from simulators.effects import REFERENCE_C, Stimulus
 
 if TYPE_CHECKING:
+    from bench.analysis.gap._fast_data import FastSpectrum
     from bench.analysis.gap._simulation import Simulation
 
 T = TypeVar("T")
@@ -36,7 +37,10 @@ class GapRun:
     is the finest step of angle between the rows of the log that the samples are means of, NaN where not known.
     `rows_dps` (rows,), `row_s` apart: those rows, NaN where missing, of a log whose rows are even and finer.
     `simulated`: what a user's own simulation foretold is taken off, and the input rate put in its place.
-    `remarks`: what was set right in its log.
+    `fast`: the spectra of its rows by phase, empty where they are no finer than the samples. `remarks`: what was
+    set right in its log. `unknown_dph`: rms of an input rate that nobody knows and that is another after each
+    `unknown_time_s`: Earth's, of a unit turned by hand. `power_on_told`: whether the time since power-on is
+    known.
     """
 
     run_id: str
@@ -53,6 +57,10 @@ class GapRun:
     rows_dps: Array | None = None
     row_s: float = math.nan
     remarks: tuple[str, ...] = ()
+    fast: tuple[FastSpectrum, ...] = ()
+    unknown_dph: float = 0.0
+    unknown_time_s: float = 0.0
+    power_on_told: bool = True
 
     @cached_property
     def missing(self) -> NDArray[np.bool_]:
@@ -177,6 +185,8 @@ def cut(run: GapRun, count: int) -> GapRun:
         s.latitude_deg,
         s.period_s,
         None if s.edge_rate_dps is None else s.edge_rate_dps[: count + 1],
+        None if s.force_g is None else s.force_g[:, :count],
+        None if s.cross_rate_dph is None else s.cross_rate_dph[:, :count],
     )
     return replace(run, stimulus=shorter, output_dph=run.output_dph[:count], phase=run.phase[:count])
 

@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 from bench.analysis.gap._channel_data import ChannelSeries
 from bench.analysis.gap._channels import ChannelFinding, ChannelSignal
 from bench.analysis.gap._data import GapRun, beside
+from bench.analysis.gap._fast import FastFinding, FastSignal
 from bench.analysis.gap._findings import Cause, Finding, refuse_judges, refuse_several_units
 from bench.analysis.gap._model_file import ChannelTerm, DisturbanceTerm, Model, Term
 from bench.analysis.gap._position import PositionFinding, PositionRun, PositionSignal
@@ -47,6 +48,11 @@ class Diagnosis(Shown):
         return tuple(finding for finding in self.findings if isinstance(finding, ChannelFinding))
 
     @property
+    def fast(self) -> FastFinding | None:
+        """What was found in the rate above 0.5 Hz, None for logs that are no finer than their means."""
+        return next((finding for finding in self.findings if isinstance(finding, FastFinding)), None)
+
+    @property
     def position(self) -> PositionFinding | None:
         """What was found in a platform's position, None for runs of a gyro."""
         return next((finding for finding in self.findings if isinstance(finding, PositionFinding)), None)
@@ -64,7 +70,7 @@ class Diagnosis(Shown):
     @property
     def closing(self) -> tuple[str, ...]:
         """Names of the effects that the closed model has and the nominal one has not."""
-        return tuple(name for finding in self.findings for name in finding.closing)
+        return tuple(dict.fromkeys(name for finding in self.findings for name in finding.closing))
 
     def shown(self) -> dict[str, object]:
         """Return the verdict, and the causes named."""
@@ -105,10 +111,14 @@ def _diagnosis(
     units = [run.unit_id for run in (*rates, *positions, *held_out) if not isinstance(run, ChannelSeries)]
     refuse_several_units(units)
     findings: list[Finding[Any]] = []
+    nominal = model
     if rates or not runs:
         rate = RateSignal().find(rates, model, [run for run in held_out if isinstance(run, GapRun)])
         model = rate.model
         findings.append(rate)
+        if any(run.fast for run in rates):
+            judges_of_rate = [run for run in held_out if isinstance(run, GapRun)]
+            findings.append(FastSignal().find(rates, nominal, judges_of_rate))
     if positions:
         platforms = [run for run in held_out if isinstance(run, PositionRun)]
         findings.append(PositionSignal().find(positions, model, platforms))

@@ -11,6 +11,8 @@ from simulators.effects import Disturbance, Record, catalogue
 
 _SURE = 0.95
 """Highest probability stated: something else may look like it."""
+_SAME_LINE = 0.01
+"""Cycles a sample by which a line of the model may be off and be the one that was found."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,6 @@ def lines_hz(terms: Sequence[DisturbanceTerm]) -> list[float]:
 
 def without_disturbances(runs: Sequence[GapRun], model: Model) -> Disturbed:
     """Find disturbances in runs against a model, one kind after the other; those the model has are not named."""
-    known = {term.name for term in model.disturbances}
     kept = list(runs)
     terms: list[DisturbanceTerm] = []
     sentences: dict[str, str] = {}
@@ -42,7 +43,16 @@ def without_disturbances(runs: Sequence[GapRun], model: Model) -> Disturbed:
         if found is None:
             continue
         kept = [replace(run, output_dph=own) for run, own in zip(kept, found.outputs_dph, strict=True)]
-        if effect.name not in known:
-            terms.append(DisturbanceTerm(effect, found.values, found.sigmas))
+        term = DisturbanceTerm(effect, found.values, found.sigmas)
+        if not any(_is_that(own, term, kept[0].stimulus.period_s) for own in model.disturbances):
+            terms.append(term)
             sentences[effect.name] = f"{effect.meaning} {found.words}"
     return Disturbed(kept, tuple(terms), dict.fromkeys(sentences, _SURE), sentences)
+
+
+def _is_that(known: DisturbanceTerm, found: DisturbanceTerm, period_s: float) -> bool:
+    """Return whether a disturbance of a model is the one that was found: a line by where means show it."""
+    if known.name != found.name:
+        return False
+    both = [[abs((hz * period_s + 0.5) % 1.0 - 0.5) for hz in lines_hz([term])] for term in (known, found)]
+    return not both[0] or min(abs(one - other) for one in both[0] for other in both[1]) < _SAME_LINE

@@ -9,6 +9,7 @@ from typing import Any
 from bench.analysis.gap._batch import Batch
 from bench.analysis.gap._channels import ChannelFinding
 from bench.analysis.gap._diagnose import Diagnosis
+from bench.analysis.gap._fast import FastFinding
 from bench.analysis.gap._findings import Cause, Place, Shrinkage
 from bench.analysis.gap._identify import Identifiable
 from bench.analysis.gap._learn import Learned
@@ -36,6 +37,7 @@ def diagnosis_facts(found: Diagnosis, following: Sequence[Suggestion] = ()) -> d
         return of_unit | _finite(_position(found.position))
     facts = _rate(found.rate) | {
         "next": [vars(each) for each in following],
+        "fast": None if found.fast is None else _fast(found.fast),
         "channels": [_channel(channel) for channel in found.channels],
     }
     return of_unit | _finite(facts)
@@ -109,6 +111,33 @@ def _rate(found: RateFinding) -> dict[str, Any]:
         "unidentifiable": dict(found.unidentifiable),
         "warnings": list(found.warnings),
         "held_out": next((_rate_shrinkage(each) for each in found.held_out if each.cells), None),
+    }
+
+
+def _fast(found: FastFinding) -> dict[str, Any]:
+    floor = found.floor
+    return {
+        "verdict": found.verdict,
+        "rows_hz": found.rows_hz,
+        "arw_deg_per_sqrt_h": floor.arw_deg_per_sqrt_h,
+        "low_pass_hz": floor.corner_hz,
+        "low_pass_order": floor.order,
+        "angle_noise_arcsec": floor.angle_arcsec,
+        "lines": [
+            {
+                "frequency_hz": line.frequency_hz,
+                "amplitude_dph": line.amplitude_dph,
+                "amplitudes_dph": dict(line.amplitudes_dph),
+                "band_width_hz": line.width_hz if line.broad else None,
+                "times_a_turn": line.order,
+                "everywhere": line.everywhere,
+            }
+            for line in found.lines
+        ],
+        "places": _picked(found.places, _OF_PHASE | _CLEARNESS),
+        "left": _picked(found.left, _OF_PHASE | _CLEARNESS),
+        "notes": list(found.notes),
+        "held_out": next(iter(_picked(found.held_out, _OF_HELD_OUT)), None),
     }
 
 

@@ -9,44 +9,30 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import poisson
 
-from bench.analysis.gap._data import GapRun, interpolated, stand_ins
+from bench.analysis.gap._data import SHORTEST, GapRun, interpolated, stand_ins
+from bench.analysis.gap._fast_data import FastRows, FastSpectrum
+from bench.analysis.gap._log_rows import even_rows, finest_angle_deg, held_rows
+from bench.analysis.gap._other_axes import OtherAxes, other_axes
 from bench.analysis.gap._rows import Steps, steady_beside, true_times
-from bench.record.exchange import LogEntry, Mapping, read_log, read_mapping
+from bench.record.exchange import Log, LogEntry, Mapping, read_log, read_mapping
 from bench.record.recording import Run, names_at
 from drivers.base.arrays import Array
 from drivers.base.constants import DPH_PER_DPS
 from drivers.base.errors import ConfigurationError
 from simulators.effects import Stimulus
 
-_NEXT_TO_NONE = 20
-"""Smallest steps between rows that say how often a step would be none by chance."""
-_TIMES_CHANCE = 2.0
-_BY_CHANCE = 1e-6
-"""Probability below which rows are not equal by chance, where that is as many times as frequent as estimated."""
-_BLOCK = 64
-"""Rows in which a value occurs about as often all the time."""
-_FUZZ = 1e-6
-"""Part of a usual step below which two values differ by the rounding of their text."""
-_UNEVEN, _MOST_PLACES = 0.3, 2
-"""Part of a step by which rows may be off an even grid; places of the grid a row."""
-_FINEST_OF, _FINEST_PART = 100_000, 0.1
-"""Rows looked at for the finest step, and the part of all steps that are finer still: rounding of text."""
-_MOST_HELD = 0.2
-"""Part of the rows that a logger may have held."""
 
-
-def read_mapped_runs(path: Path) -> list[GapRun]:
+def read_mapped_runs(path: Path, axis: str | None = None) -> list[GapRun]:
     """Return the runs that a mapping file lists (see `bench.record.exchange.read_mapping`), as means over
-    as many rows as make up 1 s or more.
+    as many rows as make up 1 s or more; `axis`: another of its gyros than that of test.
 
     A temperature that is not recorded is taken to equal the other one: the diagnosis says what is then not seen.
     ConfigurationError says what a mapping or file lacks.
     """
     mapping = read_mapping(path)
     logs = mapping.logs(path)
-    runs = [_run(entry, mapping, file) for entry, file in logs]
+    runs = [_run(entry, mapping, file, axis) for entry, file in logs]
     same = Counter(entry.run_id for entry, _ in logs)
     return [
         replace(run, run_id=file.stem) if same[entry.run_id] > 1 else run
@@ -64,17 +50,82 @@ def read_imported_run(run: Run) -> GapRun:
     return replace(made, run_id=run.manifest.run_id, checksum=run.checksum)
 
 
-def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
-    log = read_log(file, mapping)
+def axes_of(mapping: Mapping) -> list[str]:
+    """Return the axes whose gyros a mapping names, that of test first; it alone where it names one output."""
+    named = sorted(mapping.columns.gyros, key=lambda axis: (axis != mapping.axis, axis))
+    return [mapping.axis] if mapping.columns.output is not None or mapping.axis not in named else list(named)
+
+
+def _run(entry: LogEntry, mapping: Mapping, file: Path, axis: str | None = None) -> GapRun:
+    axis = axis or mapping.axis
+    log = _of_axis(read_log(file, mapping), mapping, axis, file.name)
+    rows = log.columns["output"]
+    held = held_rows(rows)
+    steps, turned_deg = _steps(log, held)
+    stimulus, around = _stimulus(entry, mapping, log, steps, axis, turned_deg)
+    output = np.where(steps.whole, DPH_PER_DPS * steps.means(rows, steps.use), np.nan)
+    left_rows, simulated = rows, "foretold" in log.columns
+    if simulated:
+        left_rows = rows - log.columns["foretold"]
+        left = steps.means(left_rows, steps.use)
+        output = np.where(steps.whole, DPH_PER_DPS * left + stimulus.input_rate_dph, np.nan)
+    output = np.where(around.moving, np.nan, output - around.apart_dph)
+    phases = _phases(entry, steps.edges_s[1:] - steps.period_s + 1.0)
+    even, owner = even_rows(steps, np.where(held, np.nan, left_rows))
+    fast: tuple[FastSpectrum, ...] = ()
+    if even is not None:
+        owner = np.where(np.isin(owner, np.flatnonzero(~np.isnan(output))), owner, -1)
+        finer = FastRows(np.where(owner < 0, np.nan, even), steps.usual_s, owner, stimulus, phases)
+        fast, output = finer.spectra, output - finer.alias_dph
+    return GapRun(
+        entry.run_id or file.stem,
+        mapping.unit_id if axis == mapping.axis else f"{mapping.unit_id} {axis}",
+        entry.profile or file.stem,
+        entry.condition,
+        stimulus,
+        output,
+        phases,
+        _checksum(file),
+        float(held.mean()),
+        3600.0 * finest_angle_deg(rows, log.time_s, steps.usual_s),
+        simulated,
+        even,
+        steps.usual_s,
+        (*log.remarks, *around.remarks),
+        fast,
+        around.unknown_dph,
+        around.rest_s,
+        entry.power_on_s is not None,
+    )
+
+
+def _of_axis(log: Log, mapping: Mapping, axis: str, where: str) -> Log:
+    """Return a log with an axis' gyro as its output; ConfigurationError if the mapping names none."""
     if "output" not in log.columns:
         raise ConfigurationError(
             "the mapping file names no gyro",
-            where=file.name,
+            where=where,
             found=", ".join(log.columns),
             expected="output, or gyros with the axis of test: the gap is looked for in its rate",
         )
+    if axis not in axes_of(mapping):
+        raise ConfigurationError(
+            "the mapping file names no such gyro",
+            where=where,
+            found=axis,
+            expected=", ".join(axes_of(mapping)),
+        )
+    if axis == mapping.axis:
+        return log
+    columns = dict(log.columns)
+    columns |= {f"rate_{mapping.axis}": columns["output"], "output": columns.pop(f"rate_{axis}")}
+    columns.pop("foretold", None)  # of the axis of test
+    return replace(log, columns=columns)
+
+
+def _steps(log: Log, held: NDArray[np.bool_]) -> tuple[Steps, Array | None]:
+    """Return the steps that rows are averaged in, and the table's angle at the rows, bridged; None if unknown."""
     rows = log.columns["output"]
-    held = held_rows(rows)
     use, time_s = ~np.isnan(rows) & ~held, log.time_s - log.time_s[0]
     turned_deg = log.columns.get("angle")
     if turned_deg is not None:
@@ -83,119 +134,48 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path) -> GapRun:
         use &= known & np.append(True, known[:-1])
         turned_deg = interpolated(turned_deg)
         time_s = true_times(time_s, np.where(use, rows, np.nan), turned_deg)
-    steps = Steps.of(time_s, use)
+    least_s = 1.0
+    if time_s[-1] < SHORTEST and len(time_s) >= 2 * SHORTEST:  # a short log: steps of so many rows are enough
+        least_s = float(np.median(np.diff(time_s))) * (len(time_s) // (2 * SHORTEST))
+    return Steps.of(time_s, use, least_s), turned_deg
 
-    def means(key: str) -> Array:
-        return steps.means(log.columns[key])
 
-    t_in, t_out = (interpolated(means(key)) if key in log.columns else None for key in ("t_in", "t_out"))
-    t_in, t_out = stand_ins(t_in, t_out, steps.count)
-    output = np.where(steps.whole, DPH_PER_DPS * steps.means(rows, steps.use), np.nan)
+def _stimulus(
+    entry: LogEntry, mapping: Mapping, log: Log, steps: Steps, axis: str, turned_deg: Array | None
+) -> tuple[Stimulus, OtherAxes]:
+    """Return what acted on an axis, and what its unit's other axes tell of it."""
     angle, edge_rate = entry.table_angle_deg(steps.edges_s), None
-    angle = np.zeros(steps.count + 1) if angle is None else angle
+    guided = angle is not None or bool({"angle", "table_rate", "elevation", "foretold"} & set(log.columns))
+    around = other_axes(log.columns, steps, axis, latitude_deg=mapping.latitude_deg, guided=guided)
+    if angle is None:
+        # where a unit that was turned by hand points nobody knows: east, where its axis feels no level Earth rate
+        angle = np.full(steps.count + 1, 90.0 if around.moving.any() else 0.0)
     if turned_deg is not None:
         angle, edge_rate = steps.angles(turned_deg)
-        angle = angle if edge_rate is not None else steady_beside(angle, np.isnan(output))
+        unknown = ~steps.whole | np.isnan(steps.means(log.columns["output"], steps.use))
+        angle = angle if edge_rate is not None else steady_beside(angle, unknown)
     elevation = np.full(steps.count, entry.elevation_deg)
+    if around.elevation_deg is not None:
+        elevation = around.elevation_deg
     if "elevation" in log.columns:
-        elevation = interpolated(means("elevation"))
-    ends_s = steps.edges_s[1:]
-    time_s, latitude_deg = ends_s + entry.power_on_s, mapping.latitude_deg
-    stimulus = Stimulus(time_s, t_in, t_out, angle, elevation, latitude_deg, steps.period_s, edge_rate)
-    simulated = "foretold" in log.columns
-    if simulated:
-        left = steps.means(rows - log.columns["foretold"], steps.use)
-        output = np.where(steps.whole, DPH_PER_DPS * left + stimulus.input_rate_dph, np.nan)
-    return GapRun(
-        entry.run_id or file.stem,
-        mapping.unit_id,
-        entry.profile or file.stem,
-        entry.condition,
-        stimulus,
-        output,
-        _phases(entry, ends_s - steps.period_s + 1.0),
-        _checksum(file),
-        float(held.mean()),
-        3600.0 * _finest_angle_deg(rows, log.time_s, steps.usual_s),
-        simulated,
-        _even_rows(steps, rows),
-        steps.usual_s,
-        log.remarks,
+        elevation = interpolated(steps.means(log.columns["elevation"]))
+    t_in, t_out = (
+        interpolated(steps.means(log.columns[key])) if key in log.columns else None
+        for key in ("t_in", "t_out")
     )
-
-
-def _even_rows(steps: Steps, rows: Array) -> Array | None:
-    """Return the rows of a log (m,) on their grid, NaN where one is missing; None for uneven or slow ones."""
-    place = np.rint((steps.time_s - steps.time_s[0]) / steps.usual_s).astype(np.int64)
-    off = np.abs(steps.time_s - steps.time_s[0] - place * steps.usual_s).max(initial=0.0)
-    if (
-        off > _UNEVEN * steps.usual_s
-        or place[-1] > _MOST_PLACES * len(rows)
-        or steps.usual_s > 0.5 * steps.period_s
-    ):
-        return None
-    even = np.full(int(place[-1]) + 1, np.nan)
-    even[place] = rows
-    return even
-
-
-def _finest_angle_deg(rows: Array, time_s: Array, usual_s: float) -> float:
-    """Return the finest step of angle, deg, between rows of a log (m,), deg/s; NaN for one that never changes.
-
-    A counter's whole pulses over rows of uneven length are no steps of rate: rows times their length are looked
-    at, too.
-    """
-    lengths_s = np.diff(time_s)
-    # a row after one that is missing is not as long as the time since the one before
-    angles = np.where(lengths_s < 1.5 * usual_s, rows[1:] * lengths_s, np.nan)
-    return float(np.fmax(usual_s * _finest_step(rows), _finest_step(angles)))
-
-
-def _finest_step(values: Array) -> float:
-    """Return the finest step that values (m,) show again and again; NaN for ones that never change."""
-    known = values[np.isfinite(values)][:_FINEST_OF]
-    apart, changes = np.diff(np.unique(known)), np.abs(np.diff(known))
-    # steps that only the rounding of a product or a text makes
-    apart = apart[apart > _FUZZ * float(np.median(changes[changes > 0.0]))] if changes.any() else apart[:0]
-    return float(np.quantile(apart, _FINEST_PART)) if len(apart) else np.nan
-
-
-def held_rows(values: Array) -> NDArray[np.bool_]:
-    """Return which rows only repeat the one before, (n,): a logger does that where a sample is lost.
-
-    None where as many could be equal by chance, as steps next to none say of a coarse signal, rows two apart that
-    are equal, and how often a value occurs in the rows about it (a counter's nought); none of one without noise,
-    where most rows are equal.
-    """
-    steps = np.abs(np.diff(values))
-    same = np.concatenate(([False], steps == 0.0))
-    others = np.sort(steps[steps > 0.0])
-    if not same.any() or len(others) < _NEXT_TO_NONE or same.mean() > _MOST_HELD:
-        return np.zeros_like(same)
-    apart = np.diff(np.unique(values[~np.isnan(values)]))
-    quantum = float(apart[apart > _FUZZ * float(np.median(others))].min())
-    near = float(others[_NEXT_TO_NONE - 1]) * (1.0 + _FUZZ)
-    again = int(((values[2:] == values[:-2]) & (values[1:-1] != values[2:])).sum())
-    by_chance = max(0.5 * int(np.searchsorted(others, near)) * quantum / near, again, _in_blocks(values))
-    if poisson.sf(int(same.sum()) - 1, _TIMES_CHANCE * by_chance) > _BY_CHANCE:
-        same[:] = False
-    return same
-
-
-def _in_blocks(values: Array) -> float:
-    """Return how many rows would equal the one before if those of each block stood in any order.
-
-    A value that stands in one place of the block only says nothing: that may be a row that is held.
-    """
-    expected = 0.0
-    for start in range(0, len(values), _BLOCK):
-        block = values[start : start + _BLOCK]
-        block = block[~np.isnan(block)]
-        own, at, often = np.unique(block, return_inverse=True, return_counts=True)
-        begins = np.append(True, at[1:] != at[:-1])
-        often = often[np.bincount(at[begins], minlength=len(own)) > 1] if len(block) else often
-        expected += float((often * (often - 1)).sum()) / max(len(block), 1)
-    return expected
+    t_in, t_out = stand_ins(t_in, t_out, steps.count)
+    return Stimulus(
+        steps.edges_s[1:] + (entry.power_on_s or 0.0),
+        t_in,
+        t_out,
+        angle,
+        elevation,
+        mapping.latitude_deg,
+        steps.period_s,
+        edge_rate,
+        around.force_g,
+        around.cross_rate_dph,
+    ), around
 
 
 def _checksum(file: Path) -> str:

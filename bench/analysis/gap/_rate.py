@@ -27,7 +27,7 @@ from bench.analysis.gap._stochastic import DATA_SHEET, EFFECT_OF, NoiseVerdict
 from bench.analysis.gap._where import RegimePlace, phase_map, places, regime_map
 from bench.analysis.gap._which import Found, judged_sets, left_of_runs, second_look, set_weights
 from drivers.base.arrays import Array
-from simulators.effects import Variant
+from simulators.effects import Input, Variant
 
 _DOUBTED = 0.1
 """Probability of no gap from which on no cause is named, however probable one is beside it."""
@@ -111,6 +111,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         check_runs(runs)
         shifted, notes = aligned(runs)
         notes += [f"{run.run_id}: {remark}" for run in runs for remark in run.remarks]
+        model = _with_unknown_rate(model, runs)
         disturbed = without_disturbances(shifted, model)
         variants = candidate_variants(model, disturbed.runs)
         return _Ready(model, variants, disturbed, prepare(disturbed.runs, model, variants), notes)
@@ -159,7 +160,13 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
             left=tuple(left),
             stochastic=stochastic,
             terms=(*named, *disturbed.terms),
-            warnings=(*data.notes, *_warnings(ready), *_of_lines(found, disturbed)),
+            warnings=(
+                *data.notes,
+                *_warnings(ready),
+                *_of_lines(found, disturbed),
+                *_of_time(causes, runs),
+                *_of_same(data.model, runs),
+            ),
             model=model,
             resembles=resembles,
             unknown_probability=unknown,
@@ -227,6 +234,21 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         among = sets[0].best.names if among is None else among
         whole, *without = models_with_and_without(*sets, data.model, names, among)
         return holding(whole, without, runs, finding.floor)
+
+
+def _with_unknown_rate(model: Model, runs: Sequence[GapRun]) -> Model:
+    """Return the model with an input rate that nobody knows as correlated noise (Gauss-Markov, first order)."""
+    worst = max(runs, key=lambda run: run.unknown_dph)
+    if not worst.unknown_dph:
+        return model
+    # steps that last as long have a triangle for their correlation, of as large an area as an exponential of half
+    noise = replace(
+        model.noise,
+        correlated_dph=worst.unknown_dph,
+        correlation_time_s=0.5 * worst.unknown_time_s,
+        correlation_order=1,
+    )
+    return replace(model, noise=noise)
 
 
 def _beside(corrected: Model, found: Found, model: Model, causes: Sequence[Cause[Term]]) -> Model:
@@ -304,6 +326,28 @@ def _of_lines(found: Found, disturbed: Disturbed) -> list[str]:
             if one.unit.symbol == "Hz"
         ]
     return [in_rows(frequency_hz, disturbed.runs).sentence for frequency_hz in lines]
+
+
+def _of_same(model: Model, runs: Sequence[GapRun]) -> list[str]:
+    """Say on what a further effect rests that is sought in the runs that a model was fitted on."""
+    same = [run.run_id for run in runs if model.fitted_on.get(run.run_id) == run.checksum]
+    if not same:
+        return []
+    return [
+        f"the model was fitted on {', '.join(same)}: what is found beside its terms rests on the same recording, "
+        "and is what these left of it; judge it on another (--held-out)"
+    ]
+
+
+def _of_time(causes: Sequence[Cause[Term]], runs: Sequence[GapRun]) -> list[str]:
+    """Say what a cause that follows the time since power-on is where nobody told that time."""
+    names = [cause.name for cause in causes if Input.TIME in cause.term.effect.inputs]
+    if not names or all(run.power_on_told for run in runs):
+        return []
+    return [
+        "when the unit was switched on is not told (power_on_s in the mapping): "
+        f"{' and '.join(names)} may be any drift that settles"
+    ]
 
 
 def _shaken(verdict: NoiseVerdict, runs: Sequence[GapRun]) -> float:

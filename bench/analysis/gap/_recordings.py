@@ -9,9 +9,10 @@ from pathlib import Path
 from bench.analysis.gap._channel_data import ChannelSeries, load_channels
 from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._diagnose import Recording
-from bench.analysis.gap._import import read_mapped_runs
+from bench.analysis.gap._import import axes_of, read_mapped_runs
 from bench.analysis.gap._position import PositionRun, is_platform_run, load_platform_run
 from bench.analysis.gap._run_folder import gyros_of, load_gap_runs
+from bench.record.exchange import read_mapping
 from bench.record.recording import Run
 from drivers.base.errors import ConfigurationError
 
@@ -76,14 +77,14 @@ def read_recordings(
 
 
 def read_batch(paths: Sequence[Path]) -> list[GapRun]:
-    """Return the rate's runs of every gyro of run folders, and those of mapping files (.toml).
+    """Return the rate's runs of every gyro of run folders, and those of every axis of mapping files (.toml).
 
     ConfigurationError for what cannot be read, and for runs of a platform.
     """
     runs: list[GapRun] = []
     for path in paths:
         if path.suffix == ".toml":
-            runs += read_mapped_runs(path)
+            runs += [run for axis in axes_of(read_mapping(path)) for run in read_mapped_runs(path, axis)]
         else:
             runs += [run for gyro in gyros_of(Run.open(path)) for run in load_gap_runs(path, gyro)]
     return runs
@@ -94,7 +95,7 @@ def _read(paths: Sequence[Path], gyro: str | None) -> tuple[list[Recording], dic
     missing: dict[str, str] = {}
     for path in paths:
         if path.suffix == ".toml":
-            runs += read_mapped_runs(path)
+            runs += read_mapped_runs(path, gyro)
         elif is_platform_run(path):
             runs.append(load_platform_run(path))
         else:

@@ -51,8 +51,8 @@ class Steps:
     period_s: float
 
     @classmethod
-    def of(cls, time_s: Array, use: NDArray[np.bool_]) -> Steps:
-        """Return steps of as many whole rows as make up 1 s or more."""
+    def of(cls, time_s: Array, use: NDArray[np.bool_], least_s: float = 1.0) -> Steps:
+        """Return steps of as many whole rows as make up `least_s` or more."""
         odd = _odd(time_s)
         time_s, even = _evened(time_s, odd)
         apart = np.diff(time_s)
@@ -61,7 +61,7 @@ class Steps:
         if len(apart):
             # their mean, in which jitter of time stamps cancels: runs of one rate have one period
             usual_s = float(apart[~pause[1:]].mean())
-        period_s = round(usual_s * max(math.ceil(1.0 / usual_s - 0.05), 1), _FINEST if even else 3)
+        period_s = round(usual_s * max(math.ceil(least_s / usual_s - 0.05), 1), _FINEST if even else 3)
         covers = np.concatenate(([0.0], np.where(pause[1:], usual_s, apart)))
         count = math.floor((time_s[-1] + _INSTANT_S + _UNCOVERED * usual_s) / period_s)
         owner = np.floor((time_s - 0.5 * covers) / period_s).astype(np.int64)

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from bench.analysis.calibration import load_calibration_run
 from bench.analysis.gap._data import GapRun, interpolated, stand_ins
+from bench.analysis.gap._fast_data import FastRows
 from bench.analysis.gap._import import read_imported_run
 from bench.control.procedure import load_procedures
-from bench.record.recording import Run, seconds
+from bench.record.recording import Run, second_rows, seconds
 from drivers.base.arrays import Array
 from drivers.base.constants import DPH_PER_DPS
 from drivers.base.errors import ConfigurationError
@@ -104,17 +105,41 @@ def _stretch(
     condition = f"{round(float(np.median(angle))) % 360} deg"
     if upright or abs(turning) > _TURNING_DPS:
         condition = f"{round(turning):+d}"
+    phases = run.phase_at(edges[1:] - 0.5)
+    rows_dps, row_s, owner = _rows(run, gyro, start, end)
+    finer = FastRows(rows_dps, row_s, owner, stimulus, phases)
     return GapRun(
         run.manifest.run_id + suffix,
         run.manifest.unit(gyro),
         _profile(run),
         condition,
         stimulus,
-        output,
-        run.phase_at(edges[1:] - 0.5),
+        output - finer.alias_dph,
+        phases,
         run.checksum,
         means.lost,
+        fast=finer.spectra,
     )
+
+
+def _rows(run: Run, gyro: str, start_s: int, end_s: int) -> tuple[Array, float, NDArray[np.int64]]:
+    """Return a gyro's samples, deg/s, on their grid, (rows,), NaN for lost and invalid ones, and its step in s.
+
+    The third are the seconds that the samples count into, (rows,), below zero for none.
+    """
+    table = run.gyro(gyro, ("time_ns", "rate_dps", "valid", "lost_before"), start_s, end_s)
+    count = len(table["time_ns"])
+    if count < 2:
+        return np.zeros(0), 1.0, np.zeros(0, dtype=np.int64)
+    place = np.arange(count) + np.cumsum(table["lost_before"]) - int(table["lost_before"][0])
+    at_s = seconds(table)
+    row_s = float((at_s[-1] - at_s[0]) / place[-1])
+    place += max(round((float(at_s[0]) - start_s) / row_s) - 1, 0)
+    rows = np.full(int(place[-1]) + 1, np.nan)
+    rows[place] = np.where(table["valid"], table["rate_dps"], np.nan)
+    owner = np.full(len(rows), -1)
+    owner[place] = np.maximum(second_rows(table, start_s), 0)
+    return rows, row_s, owner
 
 
 def _between_polls(run: Run, edges: Array, error_dph: Array, upright: bool) -> NDArray[np.bool_]:

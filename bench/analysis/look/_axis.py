@@ -69,7 +69,7 @@ def figures_of(
     first_s, largest = (index[odd[0]] / per_s, sizes[np.argmax(np.abs(sizes))]) if len(odd) else (np.nan, 0.0)
     figures = Figures(
         samples=int(finite.sum()), missing=int((~finite).sum()), mean=mean, mean_sigma=mean_sigma,
-        sigma=spread, drift_per_h=drift, drift_sigma=drift_sigma, steps=_steps(clean, finite & rest, per_s),
+        sigma=spread, drift_per_h=drift, drift_sigma=drift_sigma, steps=level_steps(clean, finite & rest, per_s),
         outliers=len(odd), first_outlier_s=float(first_s), largest_outlier=float(largest),
         limits=_limits(recorded), quantum=_quantum(recorded),
     )  # fmt: skip
@@ -119,8 +119,11 @@ def _outliers(values: Array) -> tuple[NDArray[np.int64], Array]:
     return far + 1, off[far]
 
 
-def _steps(values: Array, used: NDArray[np.bool_], per_s: float) -> tuple[tuple[float, float], ...]:
-    """Return changes of level: means before and after differ by 8 times what is usual in the record."""
+def level_steps(values: Array, used: NDArray[np.bool_], per_s: float) -> tuple[tuple[float, float], ...]:
+    """Return changes of level of a record (n,) in its longest `used` stretch: s from the first row, and size.
+
+    Means before and after differ by 8 times what is usual in the record.
+    """
     part = longest(used)
     size = max(1, (part.stop - part.start) // _STEP_BLOCKS)
     blocks = _block_means(values[part], size)

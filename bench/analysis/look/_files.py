@@ -54,8 +54,18 @@ def write_files(found: Look, folder: Path, *, latitude_deg: float, unit_id: str 
 def _mapping(found: Look, axis: AxisLook, gyros: list[AxisLook], latitude_deg: float, unit_id: str) -> str:
     heavy = {one.channel.axis: one for one in found.axes if one.channel.kind == ACCELEROMETER}
     elevation = _elevation(heavy, axis)
-    rows = [f"time = {_column('time_s', 's')}", f"output = {_column(axis.channel.name, 'deg/s')}"]
+    rows = [f"time = {_column('time_s', 's')}"]
     rows += [f"t_in = {_column(name, 'degC')}" for name in list(found.temperatures)[:1]]
+    axes = {one.channel.axis: one for one in gyros}
+    if axis.channel.axis in ("x", "y", "z") and len(axes) == len(gyros) and set(axes) <= set("xyz"):
+        rows += [f"gyros.{name} = {_column(one.channel.name, 'deg/s')}" for name, one in sorted(axes.items())]
+        if set(heavy) == set("xyz") and all(one.channel.unit for one in heavy.values()):
+            rows += [
+                f"accelerometers.{name} = {_column(one.channel.name, 'm/s^2')}"
+                for name, one in sorted(heavy.items())
+            ]
+    else:
+        rows.append(f"output = {_column(axis.channel.name, 'deg/s')}")
     known = "from the accelerometers at rest" if elevation is not None else "not known: say it"
     return f"""# {found.log.name.encode("unicode_escape").decode()} as `gyrobench look` read it; its SHA-256:
 # {checksum(found.log).sha256}

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.analysis.common.spectrum import Spectrum, spectrum_of
 from bench.analysis.look._axis import Figures, figures_of, longest
 from bench.analysis.look._channels import (
     ACCELEROMETER,
@@ -23,7 +24,6 @@ from bench.analysis.look._channels import (
 from bench.analysis.look._clock import Clock, clock_of, held_remarks, without_padding
 from bench.analysis.look._noise import AllanLook, allan_of
 from bench.analysis.look._rest import Motion, motion_of
-from bench.analysis.look._spectrum import Spectrum, spectrum_of
 from bench.analysis.look._temperature import FASTEST_K_PER_S, TemperatureLook, dependence, fastest_change
 from bench.record.exchange import read_table
 from bench.record.shown import Shown

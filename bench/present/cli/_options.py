@@ -49,7 +49,9 @@ OwnEffects = Annotated[
         "--effects", help="Python file with effects, or a simulation's function, of your own; its code runs"
     ),
 ]
-DiagnosedGyro = Annotated[str | None, Option(help="gyro to diagnose; default the first of the runs")]
+DiagnosedGyro = Annotated[
+    str | None, Option(help="gyro to diagnose, of a mapping the axis; default the first of the runs")
+]
 Arw = Annotated[float, Option(help="angle random walk, deg/sqrt(h)")]
 Vrw = Annotated[float, Option(help="velocity random walk, ug/sqrt(Hz)")]
 VelocityNoise = Annotated[float, Option(help="noise of the zero-velocity measurement")]

@@ -11,6 +11,7 @@ import numpy as np
 
 from bench.present.report._figures import Curve, Lane, Panel, lanes
 from bench.present.report._gap_channels import channel_blocks
+from bench.present.report._gap_fast import fast_blocks
 from bench.present.report._gap_where import (
     OF_RUNS,
     before_closed,
@@ -92,6 +93,7 @@ def gap_page(
             Section("Which", [*_causes(found), *_unknown(found)]),
             Section("How far", [*_how_far(shrunk), *_difference_panels(found, differences)]),
             Section("What is left", _left(found)),
+            Section("Faster than 1 s", fast_blocks(diagnosis.fast)),
             Section("Other channels", channel_blocks(diagnosis.channels)),
             Section("What next", _next(suggestions)),
             Section("Not to be seen in these runs", [Notes(hidden)]),

@@ -41,10 +41,11 @@ def gap_map(
     if not any(place.clear for place in places):
         return []
     ordered = sorted(places, key=lambda place: (place.profile, place.start_s, place.part))
+    several = len({place.profile for place in places}) > 1
     names = {
         (place.profile, place.part): place.profile
         if place.part == "run"
-        else ": ".join(filter(None, (place.profile, plain_name(place.part))))
+        else ": ".join(filter(None, (place.profile if several else "", plain_name(place.part))))
         for place in ordered
     }
     cells = {

@@ -15,6 +15,7 @@ from bench.present.look_words import (
     noticed,
     nyquist_words,
 )
+from bench.present.report._decimation import thinned_spectrum
 from bench.present.report._figures import Curve, Lane, Panel, lanes, panels
 from bench.present.report._numbers import DASH, moment, significant, unit_text
 from bench.present.report._page import Cell, Fact, Figures, Key, Notes, Page, Section, Table, Verdict, named
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 
 _PAINTS: dict[str, Paint] = {"x": BLUE, "y": ORANGE, "z": GREEN}
 _COEFFICIENTS = ("Quantisation", "Random walk", "Instability", "Rate random walk", "Ramp")
-_MOST_POINTS = 400
 _TERMS = [
     ("Mean", "Of all rests, 1σ from the means of 32 blocks, their correlation counted."),
     ("Allan deviation", "Overlapping, at the log's own rate, over the longest unbroken rest (IEEE Std 952)."),
@@ -168,7 +168,7 @@ def _spectra(found: Look) -> list[Figures]:
     def panel(axis: AxisLook) -> Panel | None:
         if (spectrum := axis.spectrum) is None:
             return None
-        curve = Curve("", *_thinned(spectrum.frequency_hz, spectrum.density), _paint(axis), width=0.9)
+        curve = Curve("", *thinned_spectrum(spectrum.frequency_hz, spectrum.density), _paint(axis), width=0.9)
         return Panel(
             [curve], axis.channel.name, f"{spectrum.averages} segments", description=axis.channel.name
         )
@@ -192,17 +192,6 @@ def _figures(
                 panels(figure_id, plots, caption, keys, x_label=x_label, y_label=y_label.format(unit))
             )
     return figures
-
-
-def _thinned(frequency: Array, density: Array) -> tuple[Array, Array]:
-    """Return log10 of frequency and amplitude density: lowest and highest of buckets equal in log frequency."""
-    x, y = np.log10(frequency), 0.5 * np.log10(density)
-    if len(x) <= _MOST_POINTS:
-        return x, y
-    bucket = np.floor((x - x[0]) / (x[-1] - x[0]) * (_MOST_POINTS / 2)).astype(int)
-    starts = np.flatnonzero(np.diff(bucket, prepend=-1))
-    low, high = np.minimum.reduceat(y, starts), np.maximum.reduceat(y, starts)
-    return np.repeat(x[starts], 2), np.stack([low, high], axis=1).ravel()
 
 
 def _lines(found: Look) -> Table:

@@ -3,13 +3,14 @@
 from bench.record.exchange._described import fitting_description
 from bench.record.exchange._export import export_run
 from bench.record.exchange._import import decode_imported, import_log
-from bench.record.exchange._log import read_log
+from bench.record.exchange._log import Log, read_log
 from bench.record.exchange._mapping import LogEntry, Mapping, read_mapping
 from bench.record.exchange._table import Table, read_table
 from bench.record.exchange._units import BASE_UNITS, Scale, scale_of, unit_error
 
 __all__ = [
     "BASE_UNITS",
+    "Log",
     "LogEntry",
     "Mapping",
     "Scale",

@@ -107,7 +107,7 @@ def _write_run(folder: Path, log: str, mapping: Mapping, entry: LogEntry, data: 
     manifest = Manifest(
         run_id=folder.name,
         procedure=mapping.procedure or entry.profile or "imported",
-        parameters={"condition": entry.condition, "power_on_s": entry.power_on_s},
+        parameters={"condition": entry.condition, "power_on_s": entry.power_on_s or 0.0},
         mounting="axis_up" if abs(entry.elevation_deg) > 45.0 else "axis_horizontal",
         outcome="completed",
         reason="imported",

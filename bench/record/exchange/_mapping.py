@@ -69,8 +69,8 @@ class LogEntry(_Part):
     """One recording: `file` from the mapping's folder (or a pattern such as "*.csv"), and what is not in it.
 
     `angle_deg`: of the table, where no column says it. `elevation_deg` of the input axis: 0 level, 90 up.
-    `power_on_s`: how long the unit had been on at the first row. `profile` is the same for recordings through
-    the same temperatures, `condition` what differs between them.
+    `power_on_s`: how long the unit had been on at the first row, where it is known. `profile` is the same for
+    recordings through the same temperatures, `condition` what differs between them.
     """
 
     file: str = "*"
@@ -80,7 +80,7 @@ class LogEntry(_Part):
     elevation_deg: float = 0.0
     angle_deg: float | None = None
     azimuth_error_deg: float = Field(default=0.0, ge=-360.0, le=360.0)
-    power_on_s: float = Field(default=0.0, ge=0.0, le=1e10)
+    power_on_s: float | None = Field(default=None, ge=0.0, le=1e10)
     started_utc: str = ""
     phases: tuple[PhaseEntry, ...] = ()
 

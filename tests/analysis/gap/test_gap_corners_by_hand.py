@@ -21,7 +21,7 @@ from bench.analysis.gap import (
     _disturbed,
     _examination,
     _fmu,
-    _import,
+    _log_rows,
     _position,
     _run_folder,
     diagnose,
@@ -232,15 +232,18 @@ def test_an_imported_run_is_read_from_its_own_mapping_and_what_was_foretold_is_t
 
 def test_uneven_or_slow_rows_have_no_grid():
     def rows(time_s, usual_s=1.0, period_s=10.0):
-        steps = SimpleNamespace(time_s=np.asarray(time_s, float), usual_s=usual_s, period_s=period_s)
-        return _import._even_rows(steps, np.arange(float(len(time_s))))
+        owner = np.arange(len(time_s))
+        steps = SimpleNamespace(
+            time_s=np.asarray(time_s, float), usual_s=usual_s, period_s=period_s, owner=owner
+        )
+        return _log_rows.even_rows(steps, np.arange(float(len(time_s))))[0]
 
     kept = rows([5.0, 6.0, 8.0])
     assert kept[[0, 1, 3]].tolist() == [0.0, 1.0, 2.0] and math.isnan(kept[2])
     assert rows([0.0, 1.0, 2.0], period_s=1.9) is None and rows([0.0, 1.0, 2.0], period_s=2.0) is not None
-    off = _import._UNEVEN
+    off = _log_rows._UNEVEN
     assert rows([0.0, 1.0 + 1.01 * off, 2.0]) is None and rows([0.0, 1.0 + 0.99 * off, 2.0]) is not None
-    far = math.floor(_import._MOST_PLACES * 3)
+    far = math.floor(_log_rows._MOST_PLACES * 3)
     assert rows([0.0, 1.0, far]) is not None and rows([0.0, 1.0, far + 1.0]) is None
 
 

@@ -30,7 +30,8 @@ from bench.analysis.gap._close import shrinkage
 from bench.analysis.gap._data import beside
 from bench.analysis.gap._designs import _rotation, usual_designs
 from bench.analysis.gap._fit import Floor
-from bench.analysis.gap._import import _even_rows, read_mapped_runs
+from bench.analysis.gap._import import read_mapped_runs
+from bench.analysis.gap._log_rows import even_rows
 from bench.analysis.gap._model_file import read_model
 from bench.analysis.gap._rehearsal import _heading_log_gaps
 from bench.analysis.gap._run_folder import _between_polls, load_gap_runs
@@ -86,6 +87,17 @@ class Folder:
         noise = np.random.default_rng(1).normal(0.0, 1e-3, end_s - start_s)
         rate = np.diff(self.angle_deg(edges)) + 0.5 * EARTH_DPH / 3600.0 + noise
         return SecondMeans(rate, np.full(len(rate), 21.0), 0.01)
+
+    def gyro(self, name, columns, start_s, end_s):
+        time_s = np.arange(math.ceil(10.0 * start_s - 0.5), 10.0 * end_s - 0.5) / 10.0 + 0.05
+        kept = np.arange(len(time_s)) % 50 != 7  # one sample of 50 is lost
+        table = {
+            "time_ns": np.rint(1e9 * time_s[kept]).astype(np.int64),
+            "rate_dps": (100.0 + time_s[kept]).astype(np.float32),
+            "valid": np.arange(int(kept.sum())) % 100 != 3,
+            "lost_before": np.diff(np.flatnonzero(kept), prepend=-1) - 1,
+        }
+        return {column: table[column] for column in columns}
 
     def turntable(self, columns, start_s, end_s):
         time_s = np.arange(math.ceil(2.0 * start_s), 2.0 * end_s) / 2.0
@@ -372,18 +384,21 @@ def test_a_rotation_turns_as_often_to_each_side_as_it_is_reversed(rate_dps, hour
 
 def stamped(places, usual_s=0.2):
     time_s = usual_s * np.asarray(places, np.float64)
-    return SimpleNamespace(time_s=time_s, usual_s=usual_s, period_s=1.0)
+    owner = np.floor(time_s).astype(np.int64)
+    return SimpleNamespace(time_s=time_s, usual_s=usual_s, period_s=1.0, owner=owner)
 
 
 def test_rows_are_laid_on_their_grid_unless_most_of_it_is_empty():
     rows = np.arange(10.0)
-    assert _even_rows(stamped(range(10)), rows).tolist() == rows.tolist()
-    lost = _even_rows(stamped([*range(9), 20]), rows)  # as many places as rows twice over
+    even, owner = even_rows(stamped(range(10)), rows)
+    assert even.tolist() == rows.tolist() and owner.tolist() == [0] * 5 + [1] * 5
+    lost, owner = even_rows(stamped([*range(9), 20]), rows)  # as many places as rows twice over
     assert len(lost) == 21 and np.isnan(lost[9:20]).all() and lost[20] == 9.0
-    assert _even_rows(stamped([*range(9), 21]), rows) is None
-    assert _even_rows(stamped([0, 1, 2, 3, 4, 5, 6, 7, 8, 9.31]), rows) is None
-    assert _even_rows(stamped([0, 1, 2, 3, 4, 5, 6, 7, 8, 9.29]), rows) is not None
-    assert _even_rows(stamped(range(10), usual_s=0.6), rows) is None
+    assert owner.tolist() == [0] * 5 + [1] * 4 + [-1] * 11 + [4]
+    assert even_rows(stamped([*range(9), 21]), rows)[0] is None
+    assert even_rows(stamped([0, 1, 2, 3, 4, 5, 6, 7, 8, 9.31]), rows)[0] is None
+    assert even_rows(stamped([0, 1, 2, 3, 4, 5, 6, 7, 8, 9.29]), rows)[0] is not None
+    assert even_rows(stamped(range(10), usual_s=0.6), rows)[0] is None
 
 
 @pytest.mark.parametrize("content", [b"\xff\xfe\x00", None])
@@ -596,3 +611,18 @@ def test_noise_that_a_floor_may_hold_is_no_gap():
 @pytest.mark.parametrize(("unknown", "called"), [(0.49, False), (0.51, True), (0.99, True)])
 def test_more_probable_than_not_is_called_unknown(unknown, called):
     assert mark(unknown=unknown).called_unknown is called
+
+
+@pytest.mark.parametrize("start_s", [0, 251])
+def test_samples_stand_in_their_place_on_a_grid_of_their_own(start_s):
+    rows_dps, row_s, owner = _run_folder._rows(Folder(lambda t: 0.0 * t, []), "gyro", start_s, start_s + 40)
+    assert row_s == pytest.approx(0.1, rel=1e-9) and len(rows_dps) == 400
+    lost = np.flatnonzero(np.arange(400) % 50 == 7)
+    assert set(lost) < set(np.flatnonzero(np.isnan(rows_dps)))
+    known = ~np.isnan(rows_dps)
+    assert known.sum() == 392 - 4  # lost ones, and those that are invalid
+    expected = 100.0 + start_s + 0.1 * np.arange(400) + 0.05
+    np.testing.assert_allclose(rows_dps[known], expected[known], atol=1e-4)
+    assert (owner[lost] == -1).all()
+    at = np.flatnonzero(owner >= 0)
+    np.testing.assert_array_equal(owner[at], at // 10)

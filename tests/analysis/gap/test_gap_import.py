@@ -13,7 +13,8 @@ import pytest
 from bench.analysis.gap import Model, Noise, diagnose
 from bench.analysis.gap._channel_data import load_channels
 from bench.analysis.gap._data import GapRun
-from bench.analysis.gap._import import held_rows, read_mapped_runs
+from bench.analysis.gap._import import read_mapped_runs
+from bench.analysis.gap._log_rows import held_rows
 from bench.analysis.gap._run_folder import _profile, load_gap_runs
 from bench.control.procedure import find_procedure
 from bench.record.exchange import import_log
@@ -63,14 +64,16 @@ def test_columns_units_and_gaps(tmp_path: Path) -> None:
     (run,) = read_mapped_runs(_write(tmp_path))
     assert (run.run_id, run.unit_id, run.profile, run.condition) == ("a", "G7", "ramp", "+20")
     assert run.stimulus.latitude_deg == 48.0
-    assert run.stimulus.t_in_c == pytest.approx(np.full(59, 26.85))
-    assert run.stimulus.table_rate_dps == pytest.approx(np.full(59, 20.0), abs=1e-6)
-    # seconds count from the first row, 0.1 s after the file's own: nine rows of one second, one of the next
-    expected = np.degrees(0.1 * (np.arange(1, 60) + 0.1)) * 3600.0
-    assert run.output_dph[:19] == pytest.approx(expected[:19], rel=1e-6)
-    # the missing second of the file lies in two of these
-    assert np.isnan(run.output_dph).sum() == 2
-    assert list(run.phase[[0, 29, 30, 58]]) == ["room", "room", "ramp", "ramp"]
+    # a minute is short: a step a row, from the first on, which is 0.1 s after the file's own beginning
+    assert run.stimulus.period_s == pytest.approx(0.1)
+    assert run.stimulus.t_in_c == pytest.approx(np.full(599, 26.85))
+    assert run.stimulus.table_rate_dps == pytest.approx(np.full(599, 20.0), abs=1e-6)
+    expected = np.degrees(0.1 * np.ceil(0.1 * np.arange(2, 601) - 1e-9)) * 3600.0
+    known = ~np.isnan(run.output_dph)
+    assert run.output_dph[known] == pytest.approx(expected[known], rel=1e-6)
+    # of the row after the missing second nobody knows when it began
+    assert np.flatnonzero(~known).tolist() == list(range(199, 210))
+    assert list(run.phase[[0, 289, 299, 598]]) == ["room", "room", "ramp", "ramp"]
 
 
 @pytest.mark.parametrize(
@@ -90,10 +93,10 @@ def test_mistakes_are_named(tmp_path: Path, change: tuple[str, str], message: st
 def test_a_temperature_that_was_not_recorded_is_stood_in_for(tmp_path: Path) -> None:
     without = MAPPING.replace('[columns.t_in]\nname = "temp_K"\nunit = "K"\n', "")
     (run,) = read_mapped_runs(_write(tmp_path, without))
-    assert run.stimulus.t_in_c == pytest.approx(np.full(59, 25.0))
+    assert run.stimulus.t_in_c == pytest.approx(np.full(599, 25.0))
     case_only = MAPPING.replace("[columns.t_in]", "[columns.t_out]")
     (run,) = read_mapped_runs(_write(tmp_path, case_only))
-    assert run.stimulus.t_in_c == pytest.approx(np.full(59, 26.85))
+    assert run.stimulus.t_in_c == pytest.approx(np.full(599, 26.85))
     assert np.array_equal(run.stimulus.t_in_c, run.stimulus.t_out_c)
 
 

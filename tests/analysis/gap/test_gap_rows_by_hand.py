@@ -13,14 +13,8 @@ from scipy.stats import norm
 from bench.analysis.gap import _channel_data
 from bench.analysis.gap._channel_data import _case, _inside, _stamps
 from bench.analysis.gap._data import cut, good_length, group_runs, interpolated, stand_ins, unseen
-from bench.analysis.gap._import import (
-    _finest_angle_deg,
-    _finest_step,
-    _in_blocks,
-    _phases,
-    held_rows,
-    read_mapped_runs,
-)
+from bench.analysis.gap._import import _phases, read_mapped_runs
+from bench.analysis.gap._log_rows import _finest_step, _in_blocks, finest_angle_deg, held_rows
 from bench.analysis.gap._rows import Steps, _digits, _evened, _odd, true_times
 from bench.analysis.gap._run_folder import _between_polls, _profile
 from bench.record.events.run import AirDemand, ConditioningDemand
@@ -224,9 +218,9 @@ def test_a_counters_step_is_seen_in_rows_of_uneven_length():
     rates = 0.5 / 3600.0 * pulses / lengths_s
     time_s = np.cumsum(lengths_s)
     time_s[2000:] += 1.3  # two rows are missing: the row after them is not so long
-    assert 3600.0 * _finest_angle_deg(rates, time_s, 0.6) == pytest.approx(0.5, rel=1e-6)
-    assert 3600.0 * _finest_angle_deg(np.round(rates, 4), np.arange(4000.0), 1.0) == pytest.approx(0.36)
-    assert math.isnan(_finest_angle_deg(np.ones(9), np.arange(9.0), 1.0))
+    assert 3600.0 * finest_angle_deg(rates, time_s, 0.6) == pytest.approx(0.5, rel=1e-6)
+    assert 3600.0 * finest_angle_deg(np.round(rates, 4), np.arange(4000.0), 1.0) == pytest.approx(0.36)
+    assert math.isnan(finest_angle_deg(np.ones(9), np.arange(9.0), 1.0))
 
 
 def test_the_finest_step_is_one_that_a_tenth_of_all_steps_are_finer_than():

@@ -276,7 +276,7 @@ def run_of(name):
 
 def test_held_out_is_a_run_that_is_given_or_one_of_its_own(monkeypatch, tmp_path):
     monkeypatch.setattr(_recordings, "is_platform_run", lambda path: path.name.startswith("platform"))
-    monkeypatch.setattr(_recordings, "read_mapped_runs", lambda path: [run_of("m1"), run_of("m2")])
+    monkeypatch.setattr(_recordings, "read_mapped_runs", lambda path, gyro: [run_of("m1"), run_of("m2")])
     monkeypatch.setattr(_recordings, "load_gap_runs", lambda path, gyro: [run_of(f"{path.name} {gyro}")])
     inputs = ChannelInputs(np.arange(9.0), np.zeros(9), 0.0, 1.0)
     series = _recordings.ChannelSeries(

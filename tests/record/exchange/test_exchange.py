@@ -258,7 +258,9 @@ def test_an_imu_with_counts_turns_and_set_point(tmp_path: Path) -> None:
     assert "G7" in render_page(run_page(run_content(run)))
     first, second = read_mapped_runs(tmp_path / "map.toml")  # the pattern fits two files
     assert (first.run_id, second.run_id) == ("day_1", "day_2")
-    assert first.stimulus.table_rate_dps[[100, 150, 200]] == pytest.approx([0.0, 20.0, -20.0])
+    assert first.stimulus.table_rate_dps[
+        np.searchsorted(first.stimulus.time_s, [100.5, 150.5, 200.5])
+    ] == pytest.approx([0.0, 20.0, -20.0])
     assert verify(tmp_path / "runs" / "day_1", decode_run).passed
     (tmp_path / "map.toml").write_text(IMU.replace("day_", "night_"))
     with pytest.raises(ConfigurationError, match=r"no log fits the pattern\. Found: night_"):

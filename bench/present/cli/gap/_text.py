@@ -5,7 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from bench.analysis.gap import Cause, ChannelFinding, Diagnosis, Place, PositionFinding, Shrinkage, Suggestion
+from bench.analysis.gap import (
+    Cause,
+    ChannelFinding,
+    Diagnosis,
+    FastFinding,
+    Place,
+    PositionFinding,
+    Shrinkage,
+    Suggestion,
+)
 from bench.present.cli._console import Terminal
 from bench.present.sentences import learned_sentences
 
@@ -40,6 +49,7 @@ def print_rate(console: Terminal, diagnosis: Diagnosis, following: Sequence[Sugg
     if found.unidentifiable:
         names = ", ".join(found.unidentifiable)
         console.say(f"  not to be seen in these runs: {names}", style="dim")
+    _print_fast(console, diagnosis.fast)
     _print_channels(console, diagnosis.channels)
     for plan in following[:2]:
         console.say(
@@ -121,6 +131,24 @@ def _closing(shrunk: Shrinkage | None) -> str:
         f"({100 * shrunk.low:.1f} to {100 * shrunk.high:.1f} %): "
         f"{shrunk.rms_before:.4f} -> {shrunk.rms_after:.4f} deg/h rms above the floor"
     )
+
+
+def _print_fast(console: Terminal, found: FastFinding | None) -> None:
+    """Print what the rows show above half the rate of the means."""
+    if found is None:
+        return
+    console.parts("rows, above 0.5 Hz: ", (found.verdict, "bold"), f"; {found.floor.sentence}")
+    console.say_all(f"  {line.sentence}" for line in found.lines)
+    if found.lines:
+        console.say(f"  {found.alias_sentence}", style="dim")
+    if any(place.clear for place in found.left):
+        _print_map(console, "left above 0.5 Hz", found.left)
+    for held in found.held_out:
+        console.say(
+            f"  {100 * held.share:.1f} % of the lines' power in the held-out runs is what was found here: "
+            f"{held.rms_before:.3g} -> {held.rms_after:.3g} deg/h rms"
+        )
+    _print_warnings(console, found.notes)
 
 
 def _print_channels(console: Terminal, channels: Sequence[ChannelFinding]) -> None:

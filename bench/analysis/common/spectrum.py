@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.signal import welch
+from scipy.signal import periodogram, welch
 from scipy.stats import chi2
 
 from drivers.base.arrays import Array
@@ -19,7 +19,8 @@ _LOWEST = 12
 _NODES_A_DECADE, _FEWEST = 16, 24
 _FALSE_ALARM = 1e-3
 """Probability that noise alone gives a line anywhere in a spectrum."""
-_MAIN_LOBE = 3
+MAIN_LOBE = 3
+"""Bins to either side of a line that hold its power under a Hann window."""
 _BROAD = 8
 """Bins wide from which on it is a band, not a line."""
 _MOST = 12
@@ -62,10 +63,28 @@ def spectrum_of(values: Array, per_s: float) -> Spectrum:
     frequency, density = welch(values, per_s, "hann", nperseg=size, detrend=_less_line)
     frequency, density = frequency[1:], np.maximum(density[1:], np.finfo(np.float64).tiny)
     averages = max(1, 2 * len(values) // size - 1)
-    # Segments half over each other under a Hann window count as 36/38 of as many apart (Welch 1967).
-    freedom = 2.0 * averages * (36.0 / 38.0 if averages > 1 else 1.0)
-    white = float(np.sqrt(np.median(density[len(density) // 2 : -1]) / _median(freedom)))
-    return Spectrum(frequency, density, averages, white, _lines(frequency, density, freedom))
+    freedom = freedom_of(averages)
+    white = float(np.sqrt(np.median(density[len(density) // 2 : -1]) / median_of(freedom)))
+    return Spectrum(frequency, density, averages, white, spectral_lines(frequency, density, freedom))
+
+
+def power_density(segments: Array, per_s: float) -> tuple[Array, Array]:
+    """Return frequencies in Hz and the one-sided power density of each segment (k, size), unit^2/Hz, (k, m)."""
+    frequency, density = periodogram(segments, per_s, "hann", detrend=_less_line)
+    return frequency[1:], np.maximum(density[..., 1:], np.finfo(np.float64).tiny)
+
+
+def freedom_of(averages: int) -> float:
+    """Return the degrees of freedom of a density's bin, a mean of so many segments half over each other.
+
+    Under a Hann window they count as 36/38 of as many apart (Welch 1967).
+    """
+    return 2.0 * averages * (36.0 / 38.0 if averages > 1 else 1.0)
+
+
+def median_of(freedom: float) -> float:
+    """Return the median of a density's bin over its mean."""
+    return float(chi2.ppf(0.5, freedom) / freedom)
 
 
 def _less_line(segments: Array) -> Array:
@@ -77,24 +96,31 @@ def _less_line(segments: Array) -> Array:
     )
 
 
-def _median(freedom: float) -> float:
-    return float(chi2.ppf(0.5, freedom) / freedom)
+def spectral_lines(
+    frequency: Array,
+    density: Array,
+    freedom: float,
+    lowest: int = _LOWEST,
+    false_alarm: float = _FALSE_ALARM,
+) -> tuple[Line, ...]:
+    """Return lines and bands of a density, (m,) over frequency (m,); `lowest`: first bin looked at.
 
-
-def _lines(frequency: Array, density: Array, freedom: float) -> tuple[Line, ...]:
+    They stand out of the median of their surroundings as noise does, anywhere in the spectrum, with the
+    probability `false_alarm`.
+    """
     count = len(density)
     if count < 4 * _FEWEST:
         return ()
-    floor = _floor(density) / _median(freedom)
+    floor = level_around(density) / median_of(freedom)
     ratio = density / floor
-    limit = max(float(chi2.isf(_FALSE_ALARM / count, freedom) / freedom), _LEAST_EXCESS)
+    limit = max(float(chi2.isf(false_alarm / count, freedom) / freedom), _LEAST_EXCESS)
     above = np.flatnonzero(ratio > limit)
-    above = above[(above >= _LOWEST) & (above < count - 1)]
+    above = above[(above >= lowest) & (above < count - 1)]
     step = float(frequency[1] - frequency[0])
     lines = []
-    for group in np.split(above, np.flatnonzero(np.diff(above) > 2 * _MAIN_LOBE) + 1) if len(above) else ():
+    for group in np.split(above, np.flatnonzero(np.diff(above) > 2 * MAIN_LOBE) + 1) if len(above) else ():
         top = int(group[np.argmax(ratio[group])])
-        span = slice(max(group[0] - _MAIN_LOBE, 0), group[-1] + _MAIN_LOBE + 1)
+        span = slice(max(group[0] - MAIN_LOBE, 0), group[-1] + MAIN_LOBE + 1)
         near = slice(top - 1, top + 2)
         strong = int((ratio[group] > 0.5 * ratio[top]).sum())
         centre = float(density[near] @ frequency[near] / density[near].sum())
@@ -104,8 +130,8 @@ def _lines(frequency: Array, density: Array, freedom: float) -> tuple[Line, ...]
     return tuple(sorted(strongest, key=lambda line: line.frequency_hz))
 
 
-def _floor(density: Array) -> Array:
-    """Return the level around every bin: medians of bands a sixteenth of a decade wide, joined."""
+def level_around(density: Array) -> Array:
+    """Return the level around every bin, (m,): medians of bands a sixteenth of a decade wide, joined."""
     count = len(density)
     index = np.arange(count) + 1.0
     edges = [0]

@@ -1,0 +1,90 @@
+"""Logs of strangers: short ones, unknown time since power-on, and a second look at what a model was fitted on."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.analysis.gap import closed_model, diagnose, parse_model, read_recordings
+from drivers.base.errors import ConfigurationError
+
+RATE_HZ, ARW = 100.0, 0.3
+MODEL = parse_model(f"format = 1\n[noise]\narw_deg_per_sqrt_h = {ARW}\nbias_instability_dph = 1.0\n", "test")
+
+
+def log(folder: Path, name: str, rate_dph: np.ndarray, more: str = "") -> Path:
+    time_s = np.arange(len(rate_dph)) / RATE_HZ
+    np.savetxt(
+        folder / f"{name}.csv",
+        np.column_stack([time_s, rate_dph / 3600.0]),
+        "%.9g",
+        ",",
+        header="t,rate",
+        comments="",
+    )
+    file = folder / f"{name}.toml"
+    file.write_text(
+        'format = 1\nunit_id = "u"\nlatitude_deg = 0\n[columns]\ntime = { name = "t", unit = "s" }\n'
+        f'output = {{ name = "rate", unit = "deg/s" }}\n[[run]]\nfile = "{name}.csv"\n{more}'
+    )
+    return file
+
+
+def noise(seconds: float, seed: int) -> np.ndarray:
+    return (
+        60.0
+        * ARW
+        * math.sqrt(RATE_HZ)
+        * np.random.default_rng(seed).standard_normal(round(seconds * RATE_HZ))
+    )
+
+
+@pytest.mark.parametrize("seconds", [20, 100, 208])
+def test_a_short_log_is_one_of_shorter_steps_and_noise_is_no_gap(tmp_path, seconds):
+    for seed in range(4):
+        given = read_recordings([log(tmp_path, f"n{seed}", noise(seconds, seed))])
+        (run,) = given.runs
+        assert 512 <= len(run.stimulus) <= 700
+        assert run.stimulus.period_s * RATE_HZ == pytest.approx(round(run.stimulus.period_s * RATE_HZ))
+        # means over so many rows have the noise of their own length
+        sigma = 60.0 * ARW / math.sqrt(run.stimulus.period_s)
+        assert np.nanstd(run.output_dph) == pytest.approx(sigma, rel=0.15)
+        found = diagnose(given.runs, MODEL)
+        assert found.verdict in ("no gap", "nothing to identify") and not found.causes
+
+
+def test_a_log_of_fewer_rows_than_time_scales_need_is_refused(tmp_path):
+    with pytest.raises(ConfigurationError, match="too short"):
+        diagnose(read_recordings([log(tmp_path, "n", noise(2.5, 1))]).runs, MODEL)
+
+
+@pytest.mark.parametrize(("told", "warned"), [("", True), ("power_on_s = 0.0\n", False)])
+def test_a_warm_up_is_any_drift_that_settles_where_nobody_told_the_power_on(tmp_path, told, warned):
+    time_s = np.arange(round(1500 * RATE_HZ)) / RATE_HZ
+    rate = noise(1500, 3) + 120.0 * np.exp(-time_s / 300.0)
+    found = diagnose(read_recordings([log(tmp_path, "w", rate, told)]).runs, MODEL).rate
+    assert [cause.name for cause in found.causes] == ["warm_up"]
+    assert any("switched on is not told" in warning for warning in found.warnings) is warned
+
+
+def test_what_is_found_in_runs_of_a_closed_model_says_what_it_rests_on(tmp_path):
+    time_s = np.arange(round(1500 * RATE_HZ)) / RATE_HZ
+    file = log(tmp_path, "w", noise(1500, 4) + 120.0 * np.exp(-time_s / 300.0), "power_on_s = 0.0\n")
+    given = read_recordings([file])
+    first = diagnose(given.runs, MODEL)
+    again = diagnose(given.runs, closed_model(first)).rate
+    assert not again.causes and any("was fitted on w" in warning for warning in again.warnings)
+    other = log(tmp_path, "v", noise(1500, 5) + 120.0 * np.exp(-time_s / 300.0), "power_on_s = 0.0\n")
+    elsewhere = diagnose(read_recordings([other]).runs, closed_model(first)).rate
+    assert not any("was fitted on" in warning for warning in elsewhere.warnings)
+
+
+def test_what_comes_back_fewer_than_eight_times_is_no_line(tmp_path):
+    time_s = np.arange(round(100 * RATE_HZ)) / RATE_HZ
+    for period_s, lines in ((20.0, 0), (5.0, 1)):
+        rate = noise(100, 6) + 60.0 * np.sin(2.0 * math.pi * time_s / period_s)
+        found = diagnose(read_recordings([log(tmp_path, f"p{period_s:.0f}", rate)]).runs, MODEL).rate
+        assert ("vibration_or_mains_line" in found.stochastic) is bool(lines)
