@@ -127,7 +127,7 @@ def _check_run(run: GapRun) -> None:
         raise ConfigurationError(
             "too much of the output is missing",
             where=run.run_id,
-            found=f"{100 * missing:.0f} %",
+            found="; ".join([f"{100 * missing:.0f} %", *run.remarks]),
             expected=f"at most {100 * MOST_MISSING:.0f} %; gaps are bridged",
         )
     if not finite:

@@ -122,6 +122,7 @@ def _fast(found: FastFinding) -> dict[str, Any]:
         "arw_deg_per_sqrt_h": floor.arw_deg_per_sqrt_h,
         "low_pass_hz": floor.corner_hz,
         "low_pass_order": floor.order,
+        "damping": floor.damping,
         "angle_noise_arcsec": floor.angle_arcsec,
         "lines": [
             {

@@ -18,7 +18,10 @@ _FORM_SIGMA = 0.05
 """Part by which the density of a real gyro's noise differs from its form."""
 _WORTH = 6.0
 """Half the chi squared that each further parameter of the form must bring, beside its Occam factor."""
-_WHITE, _ANGLE, _ANALOG, _DIGITAL = "white", "angle", "analog", "digital"
+_WHITE, _ANGLE, _ANALOG, _DIGITAL, _STAGE = "white", "angle", "analog", "digital", "stage"
+_LEAST_DAMPING = 0.25
+"""Damping below which a stage of second order is a resonance, which is a gap and no form of noise."""
+_LEAST_ORDER = 0.9
 _STEEPEST, _WIDE = 8.0, 12.0
 """Largest order of a low pass; how far a fit may go from where it begins, in logarithms."""
 _DEEPEST = 1e-6
@@ -31,7 +34,8 @@ class FastFloor:
 
     `corner_hz` and `order`: a low pass in the unit or the logger, NaN and 0 for none; `digital`: one that reaches
     zero at half the rows' rate. `angle_arcsec`: white noise of the angle between rows, 1 sigma, as of a counter
-    or a base that shakes; 0 for none. `model_arw`: what the model has, deg/sqrt(h).
+    or a base that shakes; 0 for none. `damping`: of an output stage of second order at `corner_hz`, NaN for none.
+    `model_arw`: what the model has, deg/sqrt(h).
     """
 
     arw_deg_per_sqrt_h: float
@@ -40,6 +44,7 @@ class FastFloor:
     order: float = 0.0
     digital: bool = False
     angle_arcsec: float = 0.0
+    damping: float = math.nan
 
     def density(self, frequency_hz: Array, row_s: float) -> Array:
         """Return the one-sided power density, (deg/h)^2/Hz, (m,)."""
@@ -50,6 +55,8 @@ class FastFloor:
         return white * self._gain(frequency_hz, row_s) + angle
 
     def _gain(self, frequency_hz: Array, row_s: float) -> Array:
+        if not math.isnan(self.damping):
+            return self._second_order(frequency_hz, row_s)
         if not self.order:
             return np.ones(len(frequency_hz))
         ratio = frequency_hz / self.corner_hz
@@ -59,6 +66,15 @@ class FastFloor:
                 min(math.pi * self.corner_hz * row_s, half_turn)
             )
         return np.maximum(1.0 / (1.0 + ratio ** (2.0 * self.order)), _DEEPEST)
+
+    def _second_order(self, frequency_hz: Array, row_s: float) -> Array:
+        """Return the gain of a pair of poles, impulse invariant: a recursion from row to row (AR(2))."""
+        natural = 2.0 * math.pi * self.corner_hz * row_s
+        radius = math.exp(-self.damping * natural)
+        pole = radius * np.exp(1j * natural * math.sqrt(max(1.0 - self.damping**2, 0.0)))
+        turn = np.exp(-2j * math.pi * frequency_hz * row_s)
+        size = np.abs((1.0 - pole * turn) * (1.0 - np.conj(pole) * turn))
+        return np.asarray((np.abs(1.0 - pole) ** 2 / size) ** 2)
 
     @property
     def ratio(self) -> float:
@@ -72,7 +88,11 @@ class FastFloor:
             f"white noise of the rows is as of {self.arw_deg_per_sqrt_h:.3g} deg/sqrt(h), "
             f"the model has {self.model_arw:.3g}"
         )
-        if self.order:
+        if not math.isnan(self.damping):
+            text += f"; a stage of second order forms it, {self.corner_hz:.3g} Hz, damping {self.damping:.2g}"
+        if 0.0 < self.order < _LEAST_ORDER:
+            text += f"; it falls from {self.corner_hz:.3g} Hz on, more slowly than behind a low pass"
+        elif self.order:
             text += f"; it falls beyond {self.corner_hz:.3g} Hz, as by a low pass of order {self.order:.2g}"
         if self.angle_arcsec:
             text += f"; beside it white noise of the angle, {self.angle_arcsec:.3g} arcsec a row"
@@ -120,6 +140,8 @@ def _floor(form: str, at: Array, model_arw: float) -> FastFloor:
     values = np.exp(at).tolist()
     if form == _ANGLE:
         return FastFloor(values[0], model_arw, angle_arcsec=values[1])
+    if form == _STAGE:
+        return FastFloor(values[0], model_arw, values[1], damping=values[2])
     corner_hz, order = values[1:] or (math.nan, 0.0)
     return FastFloor(values[0], model_arw, corner_hz, order, digital=form == _DIGITAL)
 
@@ -130,7 +152,8 @@ def _starts(arw: float, angle: float, top_hz: float) -> list[tuple[str, Array]]:
     low_passes = [
         (form, np.array([arw, at, math.log(2.0)])) for form in (_ANALOG, _DIGITAL) for at in corners
     ]
-    return [(_WHITE, np.array([arw])), (_ANGLE, np.array([arw, angle])), *low_passes]
+    stages = [(_STAGE, np.array([arw, at, math.log(0.5)])) for at in corners]
+    return [(_WHITE, np.array([arw])), (_ANGLE, np.array([arw, angle])), *low_passes, *stages]
 
 
 def _bounds(form: str, start: Array, top_hz: float) -> tuple[Array, Array]:
@@ -138,6 +161,8 @@ def _bounds(form: str, start: Array, top_hz: float) -> tuple[Array, Array]:
     low, high = start - _WIDE, start + _WIDE
     if form in (_ANALOG, _DIGITAL):
         low[1:], high[1:] = np.log([0.5, 0.5]), np.log([max(top_hz, 0.6), _STEEPEST])
+    if form == _STAGE:
+        low[1:], high[1:] = np.log([0.5, _LEAST_DAMPING]), np.log([max(top_hz, 0.6), 1.0])
     return low, high
 
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.signal import butter, lfilter, welch
+from scipy.signal import butter, freqz, lfilter, welch
 
+from bench.analysis.common.spectrum import freedom_of, power_density
 from bench.analysis.gap import Model, Noise, closed_model, diagnose, parse_model, read_recordings
 from bench.analysis.gap._fast_data import FastRows
 from bench.analysis.gap._fast_floor import FastFloor, density_of, fast_floor
@@ -135,6 +136,30 @@ def test_noise_of_the_angle_between_rows_is_told_from_white_noise_of_the_rate(tm
     fast = found(log(tmp_path, "a", noise(8) + np.diff(angle_arcsec) * RATE_HZ)).fast  # 1 arcsec/s is 1 deg/h
     assert fast.floor.angle_arcsec == pytest.approx(0.05, rel=0.05)
     assert fast.floor.arw_deg_per_sqrt_h == pytest.approx(ARW, rel=0.1)
+
+
+@given(damping=st.floats(0.3, 0.9), corner_hz=st.floats(3.0, 30.0), seed=st.integers(0, 99))
+def test_an_output_stage_of_second_order_is_the_noise_s_form(damping, corner_hz, seed):
+    natural = 2.0 * math.pi * corner_hz / RATE_HZ
+    radius, turn = math.exp(-damping * natural), natural * math.sqrt(1.0 - damping**2)
+    recursion = [1.0, -2.0 * radius * math.cos(turn), radius**2]
+    rows = lfilter([sum(recursion)], recursion, noise(seed))
+    segments = np.stack([rows[k : k + 4096] for k in range(0, len(rows) - 4096, 2048)])
+    frequency, density = power_density(segments, RATE_HZ)
+    inside = slice(int(np.searchsorted(frequency, 0.5)), -1)
+    floor = fast_floor(
+        frequency[inside], density.mean(axis=0)[inside], freedom_of(len(segments)), 1.0 / RATE_HZ, ARW
+    )
+    # where it is overdamped or high a low pass may describe it as well: the density is what counts
+    expected = np.abs(np.array(freqz([sum(recursion)], recursion, frequency[inside], fs=RATE_HZ)[1])) ** 2
+    expected *= 7200.0 * ARW**2
+    ratio = floor.density(frequency[inside], 1.0 / RATE_HZ) / expected
+    weighty = expected > 1e-2 * expected.max()
+    assert np.abs(np.log(ratio[weighty])).max() < 0.25
+    if damping < 0.5 and corner_hz < 20.0:
+        assert floor.damping == pytest.approx(damping, abs=0.06)
+        assert floor.corner_hz == pytest.approx(corner_hz, rel=0.06)
+        assert floor.arw_deg_per_sqrt_h == pytest.approx(ARW, rel=0.06)
 
 
 def test_a_knock_is_left_out_and_said(tmp_path):
