@@ -33,8 +33,13 @@ def batch(
         console.print_json(json.dumps(gap.batch_facts(found)))
         return
     for unit, diagnosis in found.units.items():
-        causes = ", ".join(" or ".join(cause.one_of or (cause.name,)) for cause in diagnosis.causes)
-        console.say(f"unit {unit}: {diagnosis.verdict}{causes and ': '}{causes}")
+        causes = ", ".join(" or ".join(cause.one_of or (cause.name,)) for cause in diagnosis.rate.causes)
+        lines = (
+            "; ".join(line.sentence for line in diagnosis.fast.lines) if diagnosis.fast is not None else ""
+        )
+        console.say(
+            f"unit {unit}: {diagnosis.verdict}{causes and ': '}{causes}{lines and '; above 0.5 Hz '}{lines}"
+        )
     for effect in found.effects:
         console.say(_whose(effect), style="bold")
         coarseness = next(iter(found.units.values())).model.noise.coarseness
