@@ -25,6 +25,7 @@ from simulators.effects._thermal import BIAS_RAMP, MEMORY_EFFECTS, POLYNOMIAL_EF
 from simulators.effects.chamber import CHAMBER_EFFECTS, chamber_air
 from simulators.effects.heat import (
     CASE_HEAT,
+    COMMANDED_HEAT,
     GYRO_HEAT,
     TEMPERATURE_SENSOR,
     case_temperature,
@@ -53,6 +54,7 @@ CATALOGUE: tuple[AnyEffect, ...] = (
     STEADY_LINE,
     *CHAMBER_EFFECTS,
     *CASE_HEAT,
+    *COMMANDED_HEAT,
     *GYRO_HEAT,
     *TEMPERATURE_SENSOR,
     *TABLE_EFFECTS,

@@ -34,7 +34,7 @@ CHANNEL_UNITS: Mapping[Channel, str] = {
     "table_rate": "deg/s",
     "time_stamps": "ms",
 }
-EmulatedBy = Literal["plant", "sample_clock", "platform"]
+EmulatedBy = Literal["plant", "sample_clock", "platform", "nothing"]
 Values = Mapping[str, tuple[float, ...]]
 """Effect's name to the values of its parameters."""
 _PAST_S = 4 * 3600
@@ -55,7 +55,9 @@ class ChannelInputs:
 
     `drive` is what the channel should follow: the air for the case, the case for the gyro, the demand for the
     table; for the air `demands` says it and `drive` is the target. `start` is the channel's own first value.
-    `angle_deg` is the table's angle. `period_s` is the step.
+    `angle_deg` is the table's angle. `period_s` is the step. `heat_w` is the heat that a heater was told to put
+    into a case, `door` how far a door or lid of it is open, 0 to 1: means over the steps, (0,) where none is
+    recorded.
     """
 
     time_s: Array
@@ -64,6 +66,8 @@ class ChannelInputs:
     period_s: float
     demands: tuple[Demand, ...] = ()
     angle_deg: Array = field(default_factory=lambda: np.zeros(0))
+    heat_w: Array = field(default_factory=lambda: np.zeros(0))
+    door: Array = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -74,7 +78,9 @@ class ChannelEffect:
     simulator has. A third party's effect needs `apply`. `needed` says that the channel has no simulation without
     values for it in the model (a heat capacity has no neutral value). `known` ones are fitted within their
     uncertainty and never called a cause (a mass is weighed). `starts` are values from which a fit begins as well,
-    where the signal is far from linear in them. `emulated_by`: the part of an emulated lab that has the effect; a
+    where the signal is far from linear in them, or a function that makes them of the other effects' values.
+    `acts(inputs)` says whether what drives the effect is in a recording at all; without it, it always is.
+    `emulated_by`: the part of an emulated lab that has the effect, "nothing" if no device of it does; a
     `sample_clock` takes its one value as the clock's error in ppm, a `platform` its values as the drift.
     """
 
@@ -88,12 +94,17 @@ class ChannelEffect:
     apply: Callable[[ChannelInputs, Array, tuple[float, ...]], Array] | None = None
     needed: bool = False
     known: bool = False
-    starts: tuple[tuple[float, ...], ...] = ()
+    starts: tuple[tuple[float, ...], ...] | Callable[[Values], tuple[tuple[float, ...], ...]] = ()
+    acts: Callable[[ChannelInputs], bool] | None = None
     emulated_by: EmulatedBy = "plant"
 
     def of(self, values: Values) -> tuple[float, ...]:
         """Return the effect's own values, the neutral ones where it has none."""
         return tuple(values.get(self.name, self.neutral))
+
+    def begins(self, values: Values) -> tuple[tuple[float, ...], ...]:
+        """Return the values from which a fit begins as well, where the other effects have `values`."""
+        return self.starts(values) if callable(self.starts) else self.starts
 
 
 def applied(

@@ -1,19 +1,30 @@
-"""Heat: a case in air and a gyro in its case, each with a mass behind it, and the gyro's temperature sensor."""
+"""Heat: a case in air, heated or opened, a gyro in its case, masses behind them, the gyro's thermometer."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-import numpy as np
+from collections.abc import Callable, Sequence
 
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 from simulators.effects._channel import ChannelEffect, ChannelInputs, Values
 from simulators.effects._effect import Parameter, Unit
+from simulators.effects._heat_node import Body, Heater, node_temperature
 from simulators.effects._stimulus import REFERENCE_C, follower, gain
 
 _K, _S, _W, _J = Unit("K"), Unit("s"), Unit("W"), Unit("J")
 _HEAT = "lumped heat balance of a body in air (Incropera, Fundamentals of Heat and Mass Transfer, ch. 5)"
+
+
+def _masses(*factors: tuple[float, float]) -> Callable[[Values], tuple[tuple[float, ...], ...]]:
+    """Return what makes a mass' J/K and W/K of the case's own, by factors."""
+
+    def starts(values: Values) -> tuple[tuple[float, ...], ...]:
+        (w_per_k,), (j_per_k,) = AIR_TO_CASE_CONDUCTANCE.of(values), CASE_HEAT_CAPACITY.of(values)
+        return tuple((j * j_per_k, w * w_per_k) for j, w in factors)
+
+    return starts
+
+
 AIR_TO_CASE_CONDUCTANCE = ChannelEffect(
     "air_to_case_conductance",
     "case_temperature",
@@ -47,6 +58,7 @@ FIXTURE_HEAT = ChannelEffect(
     _HEAT,
     "What the case is mounted on, or what is inside, takes up more or less heat.",
     needed=True,
+    starts=_masses((1.0, 1.0), (0.3, 3.0), (3.0, 1.0)),
 )
 SELF_HEATING_POWER = ChannelEffect(
     "self_heating_power",
@@ -56,6 +68,53 @@ SELF_HEATING_POWER = ChannelEffect(
     "nothing: constant rise over the air",
     _HEAT,
     "The unit turns more or less power into heat.",
+)
+HEATER_GAIN = ChannelEffect(
+    "heater_gain",
+    "case_temperature",
+    (Parameter("gain_percent", -100.0, 1000.0, Unit("%")),),
+    (0.0,),
+    "heat commanded",
+    "calibration of a heater: electrical power against the command",
+    "The heater gives more or less heat than it is told to.",
+    acts=lambda inputs: bool(inputs.heat_w.any()),
+    emulated_by="nothing",
+)
+HEATER_HEAT_CAPACITY = ChannelEffect(
+    "heater_heat_capacity",
+    "case_temperature",
+    (Parameter("heater_j_per_k", 0.0, 1e6, _J.per("K")), Parameter("heater_w_per_k", 1e-4, 1e3, _W.per("K"))),
+    (0.0, 1.0),
+    "heat commanded, late",
+    _HEAT,
+    "The heater has a mass of its own: its heat comes late, and goes on when it is switched off.",
+    starts=_masses((0.05, 3.0), (0.3, 3.0), (1.0, 3.0), (1.0, 1.0)),
+    acts=lambda inputs: bool(inputs.heat_w.any()),
+    emulated_by="nothing",
+)
+OPENING_CONDUCTANCE = ChannelEffect(
+    "opening_conductance",
+    "case_temperature",
+    (Parameter("opening_w_per_k", -1e3, 1e3, _W.per("K")),),
+    (0.0,),
+    "air less case temperature while a door, lid or flap is open",
+    _HEAT,
+    "More or less heat passes to the air while it is open, in proportion to the opening.",
+    starts=lambda values: tuple((k * AIR_TO_CASE_CONDUCTANCE.of(values)[0],) for k in (1.0, 10.0)),
+    acts=lambda inputs: bool(inputs.door.any()),
+    emulated_by="nothing",
+)
+THERMAL_RADIATION = ChannelEffect(
+    "thermal_radiation",
+    "case_temperature",
+    (Parameter("emissive_area_m2", 0.0, 100.0, Unit("m^2")),),
+    (0.0,),
+    "fourth powers of absolute temperatures of air and case",
+    "Stefan-Boltzmann law (Incropera, ch. 1): emissivity times area, surroundings as warm as the air",
+    "The case radiates: it loses more heat the hotter it is.",
+    # without a heater the case is about as warm as the air: radiation is then no other than a conductance
+    acts=lambda inputs: bool(inputs.heat_w.any()),
+    emulated_by="nothing",
 )
 CASE_TO_GYRO_CONDUCTANCE = ChannelEffect(
     "case_to_gyro_conductance",
@@ -126,37 +185,19 @@ TEMPERATURE_SENSOR_LAG = ChannelEffect(
     starts=((60.0,),),
 )
 CASE_HEAT = (AIR_TO_CASE_CONDUCTANCE, CASE_HEAT_CAPACITY, FIXTURE_HEAT, SELF_HEATING_POWER)
+COMMANDED_HEAT = (HEATER_GAIN, HEATER_HEAT_CAPACITY, OPENING_CONDUCTANCE, THERMAL_RADIATION)
 GYRO_HEAT = (CASE_TO_GYRO_CONDUCTANCE, GYRO_HEAT_CAPACITY, GYRO_CORE_HEAT, GYRO_HEATING_POWER)
 TEMPERATURE_SENSOR = (TEMPERATURE_SENSOR_OFFSET, TEMPERATURE_SENSOR_GAIN, TEMPERATURE_SENSOR_LAG)
 
 
-def _node(inputs: ChannelInputs, heat: tuple[float, ...], start: float) -> Array:
-    """Temperature of a body (`_body`) in exchange with `drive` and with a mass behind it: two modes, exactly.
-
-    C dT/dt = G (drive - T) + Gi (Ti - T) + P;  Ci dTi/dt = Gi (T - Ti). Both begin at `start`.
-    """
-    conductance, capacity, inner_capacity, inner_conductance, power_w = heat
-    dynamics = np.array(
-        [
-            [-(conductance + inner_conductance) / capacity, inner_conductance / capacity],
-            [inner_conductance / inner_capacity, -inner_conductance / inner_capacity],
-        ]
-    )
-    rates, modes = np.linalg.eig(dynamics)
-    drive = conductance * inputs.drive + power_w
-    weights = np.linalg.solve(modes, np.array([1.0 / capacity, 0.0]))
-    at_start = np.linalg.solve(modes, np.full(2, start))
-    result = np.zeros(len(inputs.drive))
-    for k in range(2):
-        gain = -weights[k] / rates[k]
-        forced = follower(gain * drive, -1.0 / rates[k], inputs.period_s, at_start[k])
-        result += modes[0, k] * forced
-    return result
-
-
 def case_temperature(inputs: ChannelInputs, values: Values) -> Array:
-    """Temperature of the case in the recorded air."""
-    return _node(inputs, _body(CASE_HEAT, values), inputs.start)
+    """Temperature of the case in the recorded air, with the heat that it was given and its door open or shut."""
+    (gain_percent,) = HEATER_GAIN.of(values)
+    (opening_w_per_k,) = OPENING_CONDUCTANCE.of(values)
+    (emissive_area_m2,) = THERMAL_RADIATION.of(values)
+    mass = HEATER_HEAT_CAPACITY.of(values)
+    heater = Heater(1.0 + 0.01 * gain_percent, mass[0], mass[1], opening_w_per_k, emissive_area_m2)
+    return node_temperature(inputs, Body(*_body(CASE_HEAT, values)), inputs.start, heater)
 
 
 def gyro_temperature(inputs: ChannelInputs, values: Values) -> Array:
@@ -165,7 +206,8 @@ def gyro_temperature(inputs: ChannelInputs, values: Values) -> Array:
     (gain_percent,) = TEMPERATURE_SENSOR_GAIN.of(values)
     (lag_s,) = TEMPERATURE_SENSOR_LAG.of(values)
     start = (inputs.start - offset_k + 0.01 * gain_percent * REFERENCE_C) / (1.0 + 0.01 * gain_percent)
-    late = follower(_node(inputs, _body(GYRO_HEAT, values), start), lag_s, inputs.period_s, start)
+    inside = node_temperature(inputs, Body(*_body(GYRO_HEAT, values)), start)
+    late = follower(inside, lag_s, inputs.period_s, start)
     return late + 0.01 * gain_percent * (late - REFERENCE_C) + offset_k
 
 

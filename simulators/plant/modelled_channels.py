@@ -50,6 +50,7 @@ def _emulated() -> dict[str, ChannelEffect]:
         name: effect
         for name, effect in catalogue().items()
         if isinstance(effect, ChannelEffect)
+        and effect.emulated_by != "nothing"
         and effect.channel in (CHANNEL_UNITS if effect.apply is None else _APPLIED)
     }
 

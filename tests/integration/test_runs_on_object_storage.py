@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from bench.analysis.gap._channel_data import load_channels
+from bench.analysis.gap._recordings import load_channels
 from bench.analysis.gap._run_folder import load_gap_runs
 from bench.analysis.thermal._dataset import load_thermal_runs
 from bench.present.cli._app import app

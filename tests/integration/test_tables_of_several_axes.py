@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from bench.analysis.gap._channel_data import load_channels
+from bench.analysis.gap._recordings import load_channels
 from bench.campaign import check_limits, load_campaign
 from bench.control.procedure import Demands, Parameters, Procedure, find_procedure
 from bench.control.questions import EmulatedOperator

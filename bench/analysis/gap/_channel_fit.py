@@ -68,9 +68,6 @@ def fit_effects(
     bounded = np.isfinite(sigma)
     bounds[bounded, 0] = np.maximum(bounds[bounded, 0], (prior - _WITHIN * sigma)[bounded])
     bounds[bounded, 1] = np.minimum(bounds[bounded, 1], (prior + _WITHIN * sigma)[bounded])
-    scale = np.where(
-        np.isfinite(sigma), sigma, np.maximum(0.1 * np.abs(begin), 1e-3 * np.ptp(bounds, axis=1))
-    )
     cuts = np.cumsum([0, *(len(each.parameters) for each in free)])
 
     def named(at: Array) -> dict[str, tuple[float, ...]]:
@@ -88,10 +85,14 @@ def fit_effects(
         return ChannelFit(names, {}, {}, float(((rest / weight) ** 2).sum()), 0, rest)
     tries = [begin]
     for each, low in zip(free, cuts[:-1], strict=True):
-        for values in each.starts if each.name in names else ():
+        for values in each.begins(named(begin)) if each.name in names else ():
             tries.append(begin.copy())
             tries[-1][low : low + len(values)] = values
     best = min((np.clip(at, *bounds.T) for at in tries), key=lambda at: float((cost(at) ** 2).sum()))
+    # a mass or a conductance of any size is known to a part of itself
+    sizes = np.maximum(0.1 * np.abs(best), 1e-3 * np.ptp(bounds, axis=1))
+    sizes = np.where((bounds[:, 0] >= 0.0) & (best > 0.0), 0.1 * best, sizes)
+    scale = np.where(bounded, sigma, sizes)
     # in steps of the scale, counted from 1: the step of a derivative is a share of the value
     lowest, highest = (1.0 + (bounds - best[:, None]) / scale[:, None]).T
     found = least_squares(
@@ -128,12 +129,17 @@ def search_effects(
     accuracy: float,
 ) -> tuple[list[ChannelFit], ChannelFit]:
     """Return fits of no effect, of every one, then more beside the best while that helps; and the best."""
+    candidates = [
+        each
+        for each in effects
+        if not each.known and (each.acts is None or any(each.acts(series.inputs) for series in cells.series))
+    ]
     fits, best = [nominal], nominal
     for _ in range(_MOST_CAUSES):
         more = [
             fit_effects(cells, effects, terms, best.names | {effect.name}, weight, best.values)
-            for effect in effects
-            if effect.name not in best.names and not effect.known
+            for effect in candidates
+            if effect.name not in best.names
         ]
         fits += more
         before = best
@@ -144,13 +150,9 @@ def search_effects(
             break
     # what stands in another's place beside the rest of the best set
     for name in best.names if len(best.names) > 1 else ():
-        for effect in effects:
+        for effect in candidates:
             wanted = (best.names - {name}) | {effect.name}
-            if (
-                effect.name not in best.names
-                and not effect.known
-                and wanted not in [fit.names for fit in fits]
-            ):
+            if effect.name not in best.names and wanted not in [fit.names for fit in fits]:
                 fits.append(fit_effects(cells, effects, terms, wanted, weight, nominal.values))
     return fits, best
 

@@ -49,7 +49,8 @@ def channel_floor(series: Sequence[ChannelSeries]) -> ChannelFloor:
     """Estimate from the quiet stretches of all runs; the resolution's noise is the least that is believed.
 
     A cubic is taken out of each stretch, and of one at a turning table what repeats every turn. Of every
-    octave the quietest stretch counts: the others may still be settling.
+    octave the quietest stretch counts: the others may still be settling. Where nothing is quiet for long enough,
+    what the third differences of neighbouring samples show is the noise of the shortest periods.
     """
     power, count = np.full(_OCTAVES, np.inf), np.zeros(_OCTAVES)
     for each in series:
@@ -65,13 +66,29 @@ def channel_floor(series: Sequence[ChannelSeries]) -> ChannelFloor:
             power[better], count[better] = (energy / np.maximum(own, 1))[better], own[better]
     least = max(each.resolution for each in series) ** 2 / 12.0
     seen = np.flatnonzero(count)
+    source = "quiet stretches"
     if not len(seen):
-        return ChannelFloor(np.full(_OCTAVES, least), np.full(_OCTAVES, 4.0), "the resolution only")
+        source = "neighbouring samples"
+        seen = np.array([int(octaves(_SHORTEST, max(each.inputs.period_s for each in series))[-1])])
+        power[seen], count[seen] = _neighbours_power(series), float(_LEAST_COUNT)
     slowest = int(seen[-1])
     beyond = np.maximum(np.arange(_OCTAVES) - slowest, 0)
     filled = np.interp(np.arange(_OCTAVES), seen, power[seen]) * 2.0**beyond
     trust = np.interp(np.arange(_OCTAVES), seen, count[seen])
-    return ChannelFloor(np.maximum(filled, least), trust, "quiet stretches")
+    return ChannelFloor(np.maximum(filled, least), trust, source)
+
+
+def _neighbours_power(series: Sequence[ChannelSeries]) -> float:
+    """Return the variance of white noise by which third differences of neighbouring samples scatter, the least.
+
+    A curve is straight enough over four samples; 20 is the variance of a third difference of unit white noise.
+    """
+    found = []
+    for each in series:
+        thirds = [np.diff(each.values[piece], 3) for _, piece in each.pieces()]
+        if len(thirds := [own for own in thirds if len(own)]):
+            found.append(float((1.4826 * np.median(np.abs(np.concatenate(thirds)))) ** 2 / 20.0))
+    return min(found, default=0.0)
 
 
 def _quiet_power(series: ChannelSeries, at: NDArray[np.int64]) -> Array:

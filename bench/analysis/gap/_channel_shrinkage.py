@@ -49,7 +49,8 @@ def judge_channel(
     count = sum(piece.stop - piece.start for each in held_out for _, piece in each.pieces())
     rms_before, rms_after = (math.sqrt(max(each, 0.0) / count) for each in (before, after))
     share = 1.0 - max(after, 0.0) / before
-    return Shrinkage(share, share - noise, min(share + noise, 1.0), rms_before, rms_after)
+    active = tuple(place.clear for place in places)
+    return Shrinkage(share, share - noise, min(share + noise, 1.0), rms_before, rms_after, active=active)
 
 
 def _energies(

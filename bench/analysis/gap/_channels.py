@@ -63,6 +63,11 @@ class ChannelFinding(Finding[ChannelTerm]):
     reason: str = ""
 
     @property
+    def caution(self) -> str:
+        """What must be said when its causes do not hold on held-out runs; empty when they do."""
+        return next((held.caution for held in self.held_out if self.causes and held.caution), "")
+
+    @property
     def bands(self) -> tuple[str, ...]:
         """Time scales of its places, fast to slow."""
         return channel_bands()

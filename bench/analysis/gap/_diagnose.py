@@ -20,6 +20,7 @@ from bench.record.shown import Shown
 from simulators.effects import CHANNEL_UNITS
 
 Recording = GapRun | ChannelSeries | PositionRun
+_WORST = ("unknown", "explained in part", "explained", "within the model's accuracy", "no gap")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -37,10 +38,14 @@ class Diagnosis(Shown):
     @property
     def rate(self) -> RateFinding:
         """What was found in the rate; LookupError for runs without one."""
-        for finding in self.findings:
-            if isinstance(finding, RateFinding):
-                return finding
-        raise LookupError("these runs have no rate")
+        if self.of_rate is None:
+            raise LookupError("these runs have no rate")
+        return self.of_rate
+
+    @property
+    def of_rate(self) -> RateFinding | None:
+        """What was found in the rate, None for runs of a platform and logs without a gyro."""
+        return next((finding for finding in self.findings if isinstance(finding, RateFinding)), None)
 
     @property
     def channels(self) -> tuple[ChannelFinding, ...]:
@@ -59,8 +64,11 @@ class Diagnosis(Shown):
 
     @property
     def verdict(self) -> str:
-        """The verdict on the rate or the position; of runs without both that on the first channel."""
-        return self.findings[0].verdict
+        """The verdict on the rate or the position; of runs without both the worst on a channel that was seen."""
+        of_channels = [channel.verdict for channel in self.channels if not channel.reason]
+        if self.of_rate is not None or self.position is not None or not of_channels:
+            return self.findings[0].verdict
+        return min(of_channels, key=_WORST.index)
 
     @property
     def causes(self) -> tuple[Cause[Any], ...]:
@@ -108,7 +116,9 @@ def _diagnosis(
     positions = [run for run in runs if isinstance(run, PositionRun)]
     judges = [run.run_id for run in held_out]
     refuse_judges(judges, {run.run_id for run in runs} | set(model.fitted_on))
+    # of an IMU's axis the rate has a unit of its own
     units = [run.unit_id for run in (*rates, *positions, *held_out) if not isinstance(run, ChannelSeries)]
+    units = units or [run.unit_id for run in (*series, *held_out) if run.unit_id]
     refuse_several_units(units)
     findings: list[Finding[Any]] = []
     nominal = model
@@ -123,7 +133,7 @@ def _diagnosis(
         platforms = [run for run in held_out if isinstance(run, PositionRun)]
         findings.append(PositionSignal().find(positions, model, platforms))
     apart = [run for run in held_out if isinstance(run, ChannelSeries)]
-    for channel in CHANNEL_UNITS if series else ():
+    for channel in CHANNEL_UNITS if series or missing else ():
         own, kept = (
             [run for run in part if run.channel == channel and run.pieces()] for part in (series, apart)
         )
@@ -151,9 +161,10 @@ def closed_model(found: Diagnosis, *, resembling: bool = False) -> Model:
     unknown in the rate: they shrink the gap without being its cause.
     """
     model = found.model
-    if any(isinstance(finding, RateFinding) for finding in found.findings):
-        model = replace(model, terms=found.rate.nominal.terms)
-    alike = [term for cause in found.rate.resembles for term in cause.terms] if resembling else []
+    rate = found.of_rate
+    if rate is not None:
+        model = replace(model, terms=rate.nominal.terms)
+    alike = [term for cause in rate.resembles for term in cause.terms] if rate and resembling else []
     fitted = [*(term for finding in found.findings for term in finding.terms), *alike]
     channels = {term.name: term for term in fitted if isinstance(term, ChannelTerm)}
     return replace(

@@ -35,7 +35,8 @@ def diagnosis_facts(found: Diagnosis, following: Sequence[Suggestion] = ()) -> d
     of_unit = {"unit": found.unit_id, "verdict": found.verdict, "runs": dict(found.run_checksums)}
     if found.position is not None:
         return of_unit | _finite(_position(found.position))
-    facts = _rate(found.rate) | {
+    of_rate: dict[str, Any] = {"causes": [], "held_out": None, "warnings": []}
+    facts = (of_rate if found.of_rate is None else _rate(found.of_rate)) | {
         "next": [vars(each) for each in following],
         "fast": None if found.fast is None else _fast(found.fast),
         "channels": [_channel(channel) for channel in found.channels],
@@ -208,6 +209,7 @@ def _channel(found: ChannelFinding) -> dict[str, Any]:
         "left": _picked(found.left, _OF_CHANNEL | _CLEARNESS),
         "stochastic": dict(found.stochastic),
         "held_out": next(iter(_picked(found.held_out, _OF_HELD_OUT)), None),
+        "caution": found.caution,
     }
 
 

@@ -87,8 +87,8 @@ class Shrinkage:
 
     `rms_*` are what is left above the floor, in the signal's unit. A position is judged run by run (`run_id`).
     For the rate `by_profile`, `by_runs` (common, odd in rate, ...) and `by_phase` ("profile: phase") hold the
-    same share for their part of the data (NaN where it had no gap), `active` says which cells have a gap; with
-    none the share is NaN.
+    same share for their part of the data (NaN where it had no gap). `active` says which cells of the rate or of a
+    channel have a gap; with none the share is NaN.
     """
 
     share: float
@@ -104,7 +104,7 @@ class Shrinkage:
 
     @property
     def cells(self) -> int:
-        """How many cells of the rate have a gap."""
+        """How many cells have a gap."""
         return sum(self.active)
 
     @property

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,9 +11,10 @@ from numpy.typing import NDArray
 from bench.analysis.gap._data import SHORTEST, GapRun, interpolated, stand_ins
 from bench.analysis.gap._fast_data import FastRows, FastSpectrum
 from bench.analysis.gap._log_rows import even_rows, finest_angle_deg, held_rows
+from bench.analysis.gap._mapped import MappedLog, imported_log, mapped_logs
 from bench.analysis.gap._other_axes import OtherAxes, other_axes
 from bench.analysis.gap._rows import Steps, steady_beside, true_times
-from bench.record.exchange import Log, LogEntry, Mapping, read_log, read_mapping
+from bench.record.exchange import Log, LogEntry, Mapping
 from bench.record.recording import Run, names_at
 from drivers.base.arrays import Array
 from drivers.base.constants import DPH_PER_DPS
@@ -30,24 +29,18 @@ def read_mapped_runs(path: Path, axis: str | None = None) -> list[GapRun]:
     A temperature that is not recorded is taken to equal the other one: the diagnosis says what is then not seen.
     ConfigurationError says what a mapping or file lacks.
     """
-    mapping = read_mapping(path)
-    logs = mapping.logs(path)
-    runs = [_run(entry, mapping, file, axis) for entry, file in logs]
-    same = Counter(entry.run_id for entry, _ in logs)
-    return [
-        replace(run, run_id=file.stem) if same[entry.run_id] > 1 else run
-        for run, (entry, file) in zip(runs, logs, strict=True)
-    ]
+    return [rate_of(made, axis) for made in mapped_logs(path)]
 
 
 def read_imported_run(run: Run) -> GapRun:
     """Return a run made by `gyrobench import`, from the log and the mapping that it keeps."""
-    imported = run.manifest.imported
-    if imported is None:
-        raise ConfigurationError("this run was not imported", where=str(run.place))
-    mapping, log = read_mapping(run.file(imported.mapping)), run.file(imported.log)
-    made = _run(mapping.entry_for(log, log), mapping, log)
-    return replace(made, run_id=run.manifest.run_id, checksum=run.checksum)
+    return rate_of(imported_log(run))
+
+
+def rate_of(made: MappedLog, axis: str | None = None) -> GapRun:
+    """Return the rate of a log's gyro, of another axis than that of test if told; ConfigurationError without one."""
+    run = _run(made.entry, made.mapping, made.file, made.log, axis)
+    return replace(run, run_id=made.run_id, checksum=made.checksum)
 
 
 def axes_of(mapping: Mapping) -> list[str]:
@@ -56,9 +49,9 @@ def axes_of(mapping: Mapping) -> list[str]:
     return [mapping.axis] if mapping.columns.output is not None or mapping.axis not in named else list(named)
 
 
-def _run(entry: LogEntry, mapping: Mapping, file: Path, axis: str | None = None) -> GapRun:
+def _run(entry: LogEntry, mapping: Mapping, file: Path, log: Log, axis: str | None = None) -> GapRun:
     axis = axis or mapping.axis
-    log = _of_axis(read_log(file, mapping), mapping, axis, file.name)
+    log = _of_axis(log, mapping, axis, file.name)
     rows = log.columns["output"]
     held = held_rows(rows)
     steps, turned_deg = _steps(log, held)
@@ -85,7 +78,7 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path, axis: str | None = None)
         stimulus,
         output,
         phases,
-        _checksum(file),
+        "",
         float(held.mean()),
         3600.0 * finest_angle_deg(rows, log.time_s, steps.usual_s),
         simulated,
@@ -176,11 +169,6 @@ def _stimulus(
         around.force_g,
         around.cross_rate_dph,
     ), around
-
-
-def _checksum(file: Path) -> str:
-    with file.open("rb") as log:
-        return hashlib.file_digest(log, "sha256").hexdigest()
 
 
 def _phases(entry: LogEntry, times_s: Array) -> NDArray[np.str_]:

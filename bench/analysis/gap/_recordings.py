@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.analysis.gap._channel_data import ChannelSeries, load_channels
+from bench.analysis.gap._channel_data import ChannelSeries, channels_of
+from bench.analysis.gap._channel_log import LogSource
+from bench.analysis.gap._channel_run import RunSource
 from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._diagnose import Recording
-from bench.analysis.gap._import import axes_of, read_mapped_runs
+from bench.analysis.gap._import import axes_of, rate_of, read_mapped_runs
+from bench.analysis.gap._mapped import MappedLog, imported_log, mapped_logs
 from bench.analysis.gap._position import PositionRun, is_platform_run, load_platform_run
-from bench.analysis.gap._run_folder import gyros_of, load_gap_runs
+from bench.analysis.gap._run_folder import gyros_of, load_gap_runs, named_gyro
 from bench.record.exchange import read_mapping
 from bench.record.recording import Run
 from drivers.base.errors import ConfigurationError
@@ -33,8 +36,7 @@ class Recordings:
     @property
     def unit_id(self) -> str:
         """The unit of the first run."""
-        first = self.runs[0]
-        return "" if isinstance(first, ChannelSeries) else first.unit_id
+        return self.runs[0].unit_id
 
     @property
     def shown(self) -> list[GapRun]:
@@ -53,6 +55,7 @@ def read_recordings(
     _refuse_mixture([*paths, *(path for path in held_out if path.exists())])
     given, missing = _read(paths, gyro)
     leading = {run.run_id for run in given if not isinstance(run, ChannelSeries)}
+    leading = leading or {run.run_id for run in given}
     named = {str(path) for path in held_out} & leading
     files = [path for path in held_out if str(path) not in named]
     for path in files:
@@ -90,20 +93,59 @@ def read_batch(paths: Sequence[Path]) -> list[GapRun]:
     return runs
 
 
+def load_channels(folder: Path, gyro: str | None = None) -> tuple[list[ChannelSeries], dict[str, str]]:
+    """Return the channels of a run folder, and for those that it cannot show the reason by channel."""
+    run = Run.open(folder)
+    if run.manifest.imported is not None:
+        return channels_of(LogSource(imported_log(run)))
+    units = [unit for unit in run.manifest.units if run.manifest.device(unit).role == "gyro"]
+    return channels_of(RunSource(run, gyro or next(iter(units), "")))
+
+
 def _read(paths: Sequence[Path], gyro: str | None) -> tuple[list[Recording], dict[str, str]]:
     runs: list[Recording] = []
     missing: dict[str, str] = {}
     for path in paths:
-        if path.suffix == ".toml":
-            runs += read_mapped_runs(path, gyro)
-        elif is_platform_run(path):
+        if is_platform_run(path):
             runs.append(load_platform_run(path))
+        elif (logs := _logs(path, gyro)) is not None:
+            for made in logs:
+                series, without = channels_of(LogSource(made))
+                if not series and not made.has_rate:
+                    raise _nothing_in(made, without)
+                axis = gyro if path.suffix == ".toml" else None
+                runs += [rate_of(made, axis)] if made.has_rate else []
+                runs += series
+                missing |= without
         else:
             runs += load_gap_runs(path, gyro)
             series, without = load_channels(path, gyro)
             runs += series
             missing |= without
     return runs, missing
+
+
+def _logs(path: Path, gyro: str | None) -> Iterable[MappedLog] | None:
+    """Return the logs of a mapping file, the one of an imported run, None for a run of our own."""
+    if path.suffix == ".toml":
+        return mapped_logs(path)
+    run = Run.open(path)
+    if run.manifest.imported is None:
+        return None
+    if gyro is not None:
+        named_gyro(run, gyro)
+    return [imported_log(run)]
+
+
+def _nothing_in(made: MappedLog, without: Mapping[str, str]) -> ConfigurationError:
+    return ConfigurationError(
+        "nothing in the log can be diagnosed",
+        where=made.file.name,
+        found="no gyro (output); " + "; ".join(f"{name}: {reason}" for name, reason in without.items()),
+        expected="a gyro's output, or a channel with what it is to follow: set_point and air, air and t_out, "
+        "t_out and t_in, angle_demand and angle, rate_demand and table_rate",
+        remedy="map the columns that the log has (docs/exchange.md)",
+    )
 
 
 def _refuse_mixture(paths: Sequence[Path]) -> None:

@@ -44,6 +44,16 @@ def gyros_of(run: Run) -> list[str]:
     return units
 
 
+def named_gyro(run: Run, gyro: str | None) -> str:
+    """Return a gyro of a run, None for its first; ConfigurationError where the run has no such gyro."""
+    units = gyros_of(run)
+    if gyro is not None and gyro not in units:
+        raise ConfigurationError(
+            "the run has no such gyro", where=str(run.place), found=gyro, expected=", ".join(units)
+        )
+    return gyro or units[0]
+
+
 def load_gap_runs(folder: Path, gyro: str | None = None) -> list[GapRun]:
     """Return the stretches of a run folder: one, or one for each section of a scale-factor group.
 
@@ -52,12 +62,7 @@ def load_gap_runs(folder: Path, gyro: str | None = None) -> list[GapRun]:
     folder lacks.
     """
     run = Run.open(folder)
-    units = gyros_of(run)
-    name = gyro or units[0]
-    if name not in units:
-        raise ConfigurationError(
-            "the run has no such gyro", where=str(folder), found=name, expected=", ".join(units)
-        )
+    name = named_gyro(run, gyro)
     if run.manifest.imported is not None:
         return [read_imported_run(run)]
     if run.manifest.procedure == CALIBRATION:

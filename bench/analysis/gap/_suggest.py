@@ -43,9 +43,9 @@ class Suggestion:
 def suggest(found: Diagnosis, most: int = 4) -> list[Suggestion]:
     """Return procedures by expected log odds an hour for the closest pair of candidates, at most `most`.
 
-    None for runs of a platform: there is one procedure for its position.
+    None for runs of a platform, for there is one procedure for its position, nor for channels without a gyro.
     """
-    if found.position is not None:
+    if found.of_rate is None:
         return []
     pairs = list(_open_questions(found.rate))
     result = []

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bench.present.report._figures import Curve, Lane, Panel, lanes
-from bench.present.report._gap_channels import channel_blocks
+from bench.present.report._gap_channels import channel_blocks, channels_page
 from bench.present.report._gap_fast import fast_blocks
 from bench.present.report._gap_where import (
     OF_RUNS,
@@ -73,7 +73,9 @@ def gap_page(
     model_file: str,
 ) -> Page:
     """Return the report of a diagnosis; `differences` are of held-out runs where there are any."""
-    found = diagnosis.rate
+    found = diagnosis.of_rate
+    if found is None:
+        return channels_page(diagnosis, created_utc=created_utc, model_file=model_file)
     shrunk = next(iter(found.held_out), None)
     hidden = [f"{plain_name(name)}: {reason}" for name, reason in found.unidentifiable.items()]
     return Page(

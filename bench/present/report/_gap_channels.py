@@ -10,11 +10,97 @@ import numpy as np
 
 from bench.present.report._figures import Lane, lanes
 from bench.present.report._gap_where import before_closed, gap_map, keys_of
-from bench.present.report._numbers import DASH, fixed, plain_name, significant
-from bench.present.report._page import Block, Notes, Row, Table, named
+from bench.present.report._numbers import DASH, fixed, moment, plain_name, significant
+from bench.present.report._page import (
+    Block,
+    Fact,
+    Headline,
+    Notes,
+    Page,
+    Row,
+    Section,
+    Table,
+    Tone,
+    Verdict,
+    named,
+)
+from bench.present.report._tables import checksum_table
 
 if TYPE_CHECKING:
-    from bench.analysis.gap import ChannelFinding
+    from bench.analysis.gap import ChannelFinding, Diagnosis
+
+_VERDICTS: dict[str, tuple[str, Tone]] = {
+    "no gap": ("No gap beyond noise", "good"),
+    "within the model's accuracy": ("Within the model's accuracy", "good"),
+    "explained": ("Gap explained", "good"),
+    "explained in part": ("Gap explained in part", "doubt"),
+    "unknown": ("Cause not in the catalogue", "bad"),
+    "not seen": ("Nothing to identify", "doubt"),
+}
+_TERMS = [
+    ("Gap", "A channel as recorded less what its model makes of what acted on it, above the floor."),
+    ("Floor", "Noise, from stretches in which nothing changed, as a power at every period."),
+    (
+        "Gone on held-out runs",
+        "Part of the gap's energy that the causes take away in runs not used for the fit.",
+    ),
+]
+
+
+def channels_page(diagnosis: Diagnosis, *, created_utc: str, model_file: str) -> Page:
+    """Return the report of recordings without a gyro: their channels alone."""
+    named_channels = [channel for channel in diagnosis.channels if channel.causes]
+    sentences = [
+        f"{plain_name(channel.signal).capitalize()}: {plain_name(cause.name)}. {channel.told(cause)}"
+        for channel in named_channels
+        for cause in channel.causes
+    ]
+    sentences += [f"But {channel.caution}." for channel in named_channels if channel.caution]
+    doubtful = any(channel.caution for channel in named_channels)
+    word, tone = _VERDICTS[diagnosis.verdict]
+    blocks = channel_blocks(diagnosis.channels)
+    return Page(
+        title=f"Simulation against bench: unit {diagnosis.unit_id}",
+        kind="Sim-to-real gap report",
+        facts=[
+            Fact("Unit under test", diagnosis.unit_id),
+            Fact("Nominal model", model_file),
+            Fact("Runs", str(len(diagnosis.run_checksums))),
+            Fact("Report made", moment(created_utc)),
+        ],
+        verdict=Verdict(
+            word,
+            "doubt" if doubtful else tone,
+            sentences or ["The recordings have no gyro: the channels are diagnosed alone."],
+            [headline for channel in named_channels for headline in _headline(channel)],
+        ),
+        sections=[
+            Section("Channels", blocks or [Notes([_hidden(diagnosis.channels)])]),
+            Section("Provenance", checksum_table(diagnosis.run_checksums, "Runs diagnosed, by checksum.")),
+        ],
+        terms=_TERMS,
+        colophon="All figures are computed from the runs and the model named above; times are UTC.",
+    )
+
+
+def _headline(channel: ChannelFinding) -> list[Headline]:
+    return [
+        Headline(
+            f"{plain_name(channel.signal).capitalize()} on held-out runs, rms",
+            significant(held.rms_after),
+            channel.unit,
+            significant(held.rms_before),
+            f"{fixed(100 * held.share, 1)} % of the gap is gone "
+            f"({fixed(100 * held.low, 1)} to {fixed(100 * held.high, 1)} %)",
+        )
+        for held in channel.held_out
+        if held.cells
+    ]
+
+
+def _hidden(channels: Sequence[ChannelFinding]) -> str:
+    hidden = [f"{plain_name(channel.signal)}: {channel.reason}" for channel in channels if channel.reason]
+    return "Not seen: " + "; ".join(hidden) + "."
 
 
 def channel_blocks(channels: Sequence[ChannelFinding]) -> list[Block]:
@@ -29,8 +115,13 @@ def channel_blocks(channels: Sequence[ChannelFinding]) -> list[Block]:
     for channel in seen:
         if channel.verdict not in ("no gap", "within the model's accuracy"):
             blocks += _of_channel(channel)
-    hidden = [f"{plain_name(channel.signal)}: {channel.reason}" for channel in channels if channel.reason]
-    return [*blocks, Notes(["Not seen: " + "; ".join(hidden) + "."])] if hidden else blocks
+    blocks += [
+        Notes([f"{plain_name(channel.signal).capitalize()}: {channel.caution}."], "doubt")
+        for channel in seen
+        if channel.caution
+    ]
+    hidden = any(channel.reason for channel in channels)
+    return [*blocks, Notes([_hidden(channels)])] if hidden else blocks
 
 
 def _row(found: ChannelFinding) -> Row:

@@ -10,14 +10,27 @@ import numpy as np
 
 from bench.record.exchange._mapping import Column, Mapping
 from bench.record.exchange._table import MDF_ENDINGS, TIME_OF_FILE, read_table
-from bench.record.exchange._units import ANGLE, FORCE, RATE, TEMPERATURE, TIME, Scale, scale_of, unit_error
+from bench.record.exchange._units import (
+    ANGLE,
+    BASE_UNITS,
+    FORCE,
+    OPENING,
+    POWER,
+    RATE,
+    TEMPERATURE,
+    TIME,
+    Scale,
+    scale_of,
+    unit_error,
+)
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
 _QUANTITIES = {
     "time": TIME, "output": RATE, "rate": RATE, "accelerometer": FORCE, "table_rate": RATE, "rate_demand": RATE,
     "foretold": RATE, "angle": ANGLE, "angle_demand": ANGLE, "elevation": ANGLE,
-    "t_in": TEMPERATURE, "t_out": TEMPERATURE, "air": TEMPERATURE, "set_point": TEMPERATURE,
+    "t_in": TEMPERATURE, "t_out": TEMPERATURE, "air": TEMPERATURE, "set_point": TEMPERATURE, "heater": POWER,
+    "door": OPENING,
 }  # fmt: skip
 _OFF_PLACE, _NEAR = 0.3, 10.0
 """Parts of the usual time between rows: how far off its place a late row may be, and how far from the next."""
@@ -30,8 +43,9 @@ class Log:
     """A log, rows in time order, shape (n,) each; `time_s` grows from row to row as it was recorded.
 
     `columns` has `output` and `table_rate` in deg/s, `angle` (unwrapped) and `elevation` in deg, `t_in`,
-    `t_out`, `air` and `set_point` in degC, `valid` as it stood; only those that the mapping names. NaN where a
-    value is missing. `remarks` say which rows were put into order or were there twice.
+    `t_out`, `air` and `set_point` in degC, `heater` in W, `door` from 0 to 1, `valid` as it stood; only those
+    that the mapping names. NaN where a value is missing. `remarks` say which rows were put into order or were
+    there twice.
     """
 
     time_s: Array
@@ -91,7 +105,7 @@ def _scale(name: str, column: Column, file: Path) -> Scale:
     if name == "valid":
         return Scale(1.0)
     quantity = _QUANTITIES[name.rpartition("_")[0] if name[-2:] in ("_x", "_y", "_z") else name]
-    scale = scale_of(quantity, column.unit)
+    scale = scale_of(quantity, column.unit or (BASE_UNITS[OPENING] if quantity == OPENING else ""))
     if scale is None:
         raise unit_error(quantity, column.unit, f"{file.name}: {name} ({column.name})")
     return scale

@@ -34,8 +34,9 @@ class Columns(_Part):
     log of a chamber or a table alone has neither. `t_in`: the gyro's own temperature, `t_out` that of its case,
     `air` and `set_point` the chamber's; `angle` and `table_rate` the table's, `rate_demand` and `angle_demand`
     what it was told, `elevation` that of the input axis, `foretold` what somebody's own simulation has for the
-    output (these two are read by the gap diagnosis, not kept in runs). MDF files have times of their own:
-    `time` is left out for them.
+    output. `heater` is heat put into the case, `door` how far a door, lid or flap is open. These four are read by
+    the gap diagnosis from the log and are in no table of a run. MDF files have times of their own: `time` is left
+    out for them.
     """
 
     time: Column | None = None
@@ -51,6 +52,8 @@ class Columns(_Part):
     set_point: Column | None = None
     rate_demand: Column | None = None
     angle_demand: Column | None = None
+    heater: Column | None = None
+    door: Column | None = None
     valid: Column | None = None
     foretold: Column | None = None
 
@@ -69,8 +72,9 @@ class LogEntry(_Part):
     """One recording: `file` from the mapping's folder (or a pattern such as "*.csv"), and what is not in it.
 
     `angle_deg`: of the table, where no column says it. `elevation_deg` of the input axis: 0 level, 90 up.
-    `power_on_s`: how long the unit had been on at the first row, where it is known. `profile` is the same for
-    recordings through the same temperatures, `condition` what differs between them.
+    `air_temp_c`: of the air about the unit, where no column says it. `power_on_s`: how long the unit had been on
+    at the first row, where it is known. `profile` is the same for recordings through the same temperatures,
+    `condition` what differs between them.
     """
 
     file: str = "*"
@@ -79,6 +83,7 @@ class LogEntry(_Part):
     condition: str = "0"
     elevation_deg: float = 0.0
     angle_deg: float | None = None
+    air_temp_c: float | None = Field(default=None, ge=-273.15, le=1e4)
     azimuth_error_deg: float = Field(default=0.0, ge=-360.0, le=360.0)
     power_on_s: float | None = Field(default=None, ge=0.0, le=1e10)
     started_utc: str = ""

@@ -10,7 +10,10 @@ from drivers.base.constants import STANDARD_GRAVITY_MPS2, ZERO_CELSIUS_K
 from drivers.base.errors import ConfigurationError
 
 RATE, FORCE, TEMPERATURE, TIME, ANGLE = "rate", "specific force", "temperature", "time", "angle"
-BASE_UNITS = {RATE: "deg/s", FORCE: "m/s^2", TEMPERATURE: "degC", TIME: "s", ANGLE: "deg"}
+POWER, OPENING = "power", "opening"
+BASE_UNITS = {
+    RATE: "deg/s", FORCE: "m/s^2", TEMPERATURE: "degC", TIME: "s", ANGLE: "deg", POWER: "W", OPENING: "fraction",
+}  # fmt: skip
 _G = STANDARD_GRAVITY_MPS2
 _FACTORS = {
     RATE: {
@@ -21,6 +24,8 @@ _FACTORS = {
     TEMPERATURE: {"degC": 1.0, "K": 1.0, "degF": 5 / 9, "mdegC": 1e-3},
     TIME: {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
     ANGLE: {"deg": 1.0, "rad": math.degrees(1.0)},
+    POWER: {"W": 1.0, "mW": 1e-3, "kW": 1e3},
+    OPENING: {"fraction": 1.0, "%": 0.01},
 }  # fmt: skip
 _OFFSETS = {"K": -ZERO_CELSIUS_K, "degF": -160.0 / 9.0}
 _INCREMENTS = {

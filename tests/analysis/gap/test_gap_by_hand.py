@@ -16,6 +16,7 @@ from bench.analysis.gap import Noise
 from bench.analysis.gap._bridge import bridge
 from bench.analysis.gap._cells import BANDS
 from bench.analysis.gap._channel_data import ChannelSeries, _angle, _late_fraction, _rate, _stepped
+from bench.analysis.gap._channel_run import RunSource
 from bench.analysis.gap._close import _interval
 from bench.analysis.gap._data import Group
 from bench.analysis.gap._evidence import reduced
@@ -132,7 +133,7 @@ def axis() -> str:
 def test_a_steady_rate_is_taken_from_sixteen_readings_on(poll_s: float, rows: int) -> None:
     """Three readings after it is steady, and the last one, are left out: 40 s have 40, 21, 18 and 10 of them."""
     run = Turned(((0.0, RateDemand("table", axis(), 10.0)),), poll_s, 40.0, error=0.02)
-    found = _rate(run)  # type: ignore[arg-type]
+    found = _rate(RunSource(run, ""))  # type: ignore[arg-type]
     if not rows:
         assert found == "the table was not turned at a steady rate for half a minute"
     else:
@@ -148,7 +149,7 @@ def test_an_angle_is_taken_where_it_was_held_for_half_a_minute(held_s: float, kn
     start_s = 100.0
     run = Turned(((start_s, first),), 1.0, start_s + held_s, error=0.001)
     run.lines.append(Line(start_s + held_s, RateDemand("table", axis(), 0.0)))
-    found = _angle(run)  # type: ignore[arg-type]
+    found = _angle(RunSource(run, ""))  # type: ignore[arg-type]
     if known:
         assert isinstance(found, ChannelSeries)
         assert found.values == pytest.approx(np.full(len(found.values), 3.6), abs=1e-6)  # arcsec

@@ -64,13 +64,11 @@ def test_pieces_end_with_a_phase_a_value_or_a_pause_and_have_eight_samples():
 
 
 def test_the_resolution_is_the_least_step_between_values():
-    run = SimpleNamespace(
-        manifest=SimpleNamespace(run_id="r"), phase_at=lambda t: t.astype(str), checksum="s"
-    )
+    run = SimpleNamespace(run_id="r", unit_id="u", phase_at=lambda t: t.astype(str), checksum="s")
     inputs = ChannelInputs(np.arange(5.0), np.zeros(5), 0.0, 1.0)
     raw = np.array([3.0, 1.0, 1.0, 1.25, 9.0])
     found = _series(run, "table_rate", inputs, np.arange(5.0), raw)
-    assert (found.resolution, found.run_id, found.checksum) == (0.25, "r", "s")
+    assert (found.resolution, found.run_id, found.checksum, found.unit_id) == (0.25, "r", "s", "u")
     assert found.quiet.tolist() == [True] * 5 and found.phase.tolist() == ["0.0", "1.0", "2.0", "3.0", "4.0"]
     assert _series(run, "table_rate", inputs, np.arange(5.0), np.ones(5)).resolution == 1e-6
 
@@ -173,12 +171,19 @@ def test_a_floor_is_that_of_the_quietest_stretch_and_grows_with_the_period_beyon
     assert power.tolist() == found.power[octave].tolist() and octave.tolist() == octaves(8, 1.0).tolist()
 
 
-def test_without_a_quiet_stretch_the_resolution_is_the_floor():
-    loud = turning(6.0 + np.random.default_rng(1).normal(size=400), quiet=np.arange(400) < 31)
-    found = channel_floor([loud, replace(loud, resolution=0.6)])
-    assert found.power.tolist() == pytest.approx([0.03] * 24) and found.count.tolist() == [4.0] * 24
-    assert found.source == "the resolution only"
-    coarse = channel_floor([replace(loud, quiet=np.ones(400, np.bool_), resolution=100.0)])
+def test_without_a_quiet_stretch_neighbouring_samples_are_the_floor():
+    """White noise of 1 on a parabola: power 1 in the samples' octave, then in proportion to the period."""
+    curve = 0.01 * np.arange(4000.0) ** 2
+    noise = np.random.default_rng(1).normal(size=4000)
+    loud = turning(curve + noise, quiet=np.arange(4000) < 31)
+    found = channel_floor([loud])
+    assert found.source == "neighbouring samples" and set(found.count.tolist()) == {8.0}
+    assert found.power[:2].tolist() == pytest.approx([1.0] * 2, rel=0.1)
+    assert found.power[5] / found.power[1] == pytest.approx(2.0**4)
+    steady = turning(np.full(400, 6.0), quiet=np.arange(400) < 31)
+    found = channel_floor([replace(steady, resolution=0.6)])
+    assert found.power.tolist() == pytest.approx([0.03] * 24)
+    coarse = channel_floor([replace(loud, quiet=np.ones(4000, np.bool_), resolution=100.0)])
     assert coarse.power[:12].tolist() == pytest.approx([100.0**2 / 12.0] * 12)
 
 
@@ -205,10 +210,11 @@ def test_what_repeats_every_turn_and_a_cubic_are_taken_out_of_a_floor():
 def effect_of(name, **changes):
     """An effect of the table's rate; its formula is never asked."""
     fields = {
-        "name": name, "needed": False, "known": False, "neutral": (0.0,), "starts": (), "meaning": f"{name}!",
+        "name": name, "needed": False, "known": False, "neutral": (0.0,), "acts": None, "meaning": f"{name}!",
         "channel": "table_rate", "parameters": (SimpleNamespace(name=name, low=-1e3, high=1e3),),
     }  # fmt: skip
-    return SimpleNamespace(**(fields | changes))
+    starts = changes.pop("starts", ())
+    return SimpleNamespace(begins=lambda values: starts, **(fields | changes))
 
 
 @pytest.fixture

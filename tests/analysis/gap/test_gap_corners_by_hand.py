@@ -29,7 +29,8 @@ from bench.analysis.gap import (
 from bench.analysis.gap._aliases import in_rows
 from bench.analysis.gap._bridge import bridge
 from bench.analysis.gap._cells import BANDS, band_slices
-from bench.analysis.gap._channel_data import _air, _angle, _rate, load_channels
+from bench.analysis.gap._channel_data import _air, _angle, _rate
+from bench.analysis.gap._channel_run import RunSource
 from bench.analysis.gap._channels import ChannelFinding, ChannelSignal, _verdict
 from bench.analysis.gap._close import _shares_by_phase
 from bench.analysis.gap._data import Group, check_runs
@@ -52,22 +53,15 @@ WHITE = Noise(0.004)
 HEAD = "format = 1\n[noise]\narw_deg_per_sqrt_h = 0.01\n"
 
 
-def test_a_run_says_what_it_lacks_for_a_channel(monkeypatch):
-    bare = SimpleNamespace(tables=())
+def test_a_run_says_what_it_lacks_for_a_channel():
+    bare = RunSource(SimpleNamespace(tables=()), "")
     assert _air(bare) == "the run has no chamber"
     assert _angle(bare) == _rate(bare) == "the run has no table"
-    imported = SimpleNamespace(manifest=SimpleNamespace(imported="a log"))
-    monkeypatch.setattr(_channel_data.Run, "open", lambda folder: imported)
-    found, missing = load_channels(Path("x"))
-    assert found == [] and set(missing) == {
-        "chamber_air", "case_temperature", "gyro_temperature", "table_angle", "table_rate", "time_stamps",
-    }  # fmt: skip
-    assert set(missing.values()) == {"an imported recording has no commands in it"}
 
 
 def test_a_table_that_is_at_an_angle_for_too_few_samples_shows_none(monkeypatch):
     demand = AngleDemand("outer", 10.0, 5.0)
-    monkeypatch.setattr(_channel_data, "_table_demands", lambda run: iter([(0.0, 1000.0, demand)]))
+    monkeypatch.setattr(RunSource, "table_demands", lambda source: iter([(0.0, 1000.0, demand)]))
     count = 2 * _channel_data._SHORT + 4
     rows = {
         "time_ns": (1e9 * np.arange(count)).astype(np.int64),
@@ -75,7 +69,7 @@ def test_a_table_that_is_at_an_angle_for_too_few_samples_shows_none(monkeypatch)
         "rate_dps": np.zeros(count),
     }
     run = SimpleNamespace(tables=("turntable",), turntable=lambda columns, start, end: rows)
-    assert _angle(run) == "the table was not held at any angle for half a minute"
+    assert _angle(RunSource(run, "")) == "the table was not held at any angle for half a minute"
 
 
 def test_a_channel_is_told_with_its_scatter_and_unknown_where_nothing_explains_it():

@@ -26,6 +26,7 @@ from bench.analysis.gap import (
 from bench.analysis.gap._case_folder import write_case
 from bench.analysis.gap._cells import BANDS
 from bench.analysis.gap._channel_data import ChannelSeries, _air
+from bench.analysis.gap._channel_run import RunSource
 from bench.analysis.gap._close import shrinkage
 from bench.analysis.gap._data import beside
 from bench.analysis.gap._designs import _rotation, usual_designs
@@ -234,7 +235,7 @@ class Chamber:
     """A run of a chamber at 20 degC that goes to -40 at 6 K/min from 1000 s on, read every second."""
 
     tables, checksum = ("chamber",), "sum"
-    manifest = SimpleNamespace(run_id="run")
+    manifest = SimpleNamespace(run_id="run", units={})
 
     def __init__(self, *told, end_s=3000.0):
         self.lines = [Line(time_s, event) for time_s, event in (*told, (end_s, None))]
@@ -256,7 +257,7 @@ TOLD = (
 
 
 def test_without_a_ramp_the_air_is_compared_five_minutes_after_it_has_arrived():
-    found = _air(Chamber(*TOLD))
+    found = _air(RunSource(Chamber(*TOLD), ""))
     time_s = found.inputs.time_s
     assert time_s[[0, -1]].tolist() == [55.0, 2985.0]
     # the mean from 1590 to 1600 s is the first within 1 K
@@ -272,15 +273,15 @@ def test_without_a_ramp_the_air_is_compared_five_minutes_after_it_has_arrived():
 
 def test_a_chamber_that_is_stopped_is_compared_until_then():
     stopped = (2500.0, ConditioningDemand("chamber", False))
-    found = _air(Chamber(*TOLD, stopped))
+    found = _air(RunSource(Chamber(*TOLD, stopped), ""))
     assert found.inputs.time_s[-1] == 2485.0
     # what is demanded of it afterwards is not in force
-    later = _air(Chamber(*TOLD, stopped, (2600.0, AirDemand("chamber", 5.0, None))))
+    later = _air(RunSource(Chamber(*TOLD, stopped, (2600.0, AirDemand("chamber", 5.0, None))), ""))
     assert later.inputs.demands == found.inputs.demands and later.inputs.time_s[-1] == 2485.0
-    assert _air(Chamber(*TOLD[:1])) == "the chamber was not started in this run"
-    assert _air(Chamber(TOLD[1])) == "the chamber was not started in this run"
-    assert _air(Chamber(*TOLD[:2], end_s=60.0)) == "the chamber did not run long enough"
-    steady = _air(Chamber(*TOLD[:2], end_s=2900.0))
+    assert _air(RunSource(Chamber(*TOLD[:1]), "")) == "the chamber was not started in this run"
+    assert _air(RunSource(Chamber(TOLD[1]), "")) == "the chamber was not started in this run"
+    assert _air(RunSource(Chamber(*TOLD[:2], end_s=60.0), "")) == "the chamber did not run long enough"
+    steady = _air(RunSource(Chamber(*TOLD[:2], end_s=2900.0), ""))
     assert steady.quiet.tolist() == (steady.inputs.time_s > 50.0 + 1800.0).tolist()
 
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from bench.analysis.gap import Model, Noise, diagnose
-from bench.analysis.gap._channel_data import load_channels
 from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._import import read_mapped_runs
 from bench.analysis.gap._log_rows import held_rows
+from bench.analysis.gap._recordings import load_channels
 from bench.analysis.gap._run_folder import _profile, load_gap_runs
 from bench.control.procedure import find_procedure
 from bench.record.exchange import import_log
@@ -154,7 +154,8 @@ elevation_deg = 90.0
     assert imported.stimulus.t_in_c == pytest.approx(mapped.stimulus.t_in_c)
     series, missing = load_channels(folder)
     assert not series
-    assert "no commands" in missing["chamber_air"]
+    assert missing["chamber_air"] == "no column air"
+    assert "no column air" in missing["case_temperature"] and "arrival times" in missing["time_stamps"]
 
 
 def test_runs_of_one_procedure_are_repeats_only_with_the_same_parameters() -> None:

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from bench.analysis.gap import Model, Suggestion, diagnose, log_gaps, model_text, suggest
-from bench.analysis.gap._channel_data import load_channels
 from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._designs import usual_designs
+from bench.analysis.gap._recordings import load_channels
 from bench.control.procedure import find_procedure
 from bench.lab.emulated import load_plant
 from bench.present.cli._console import Terminal

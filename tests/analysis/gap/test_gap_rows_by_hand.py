@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from bench.analysis.gap import _channel_data
+from bench.analysis.gap import _channel_run
 from bench.analysis.gap._channel_data import _case, _inside, _stamps
+from bench.analysis.gap._channel_run import RunSource
 from bench.analysis.gap._data import cut, good_length, group_runs, interpolated, stand_ins, unseen
 from bench.analysis.gap._import import _phases, read_mapped_runs
 from bench.analysis.gap._log_rows import _finest_step, _in_blocks, finest_angle_deg, held_rows
@@ -323,7 +324,7 @@ class Warmed:
 
     def __init__(self, case_sensor="probe", *, inside=True, end_s=3000.0):
         device = SimpleNamespace(case_sensor=case_sensor)
-        self.manifest = SimpleNamespace(run_id="run", device=lambda name: device, stream={"g": "s"})
+        self.manifest = SimpleNamespace(run_id="run", device=lambda name: device, stream={"g": "s"}, units={})
         self.inside, self.end_s = inside, end_s
         told = [
             (0.0, AirDemand("chamber", 20.0, 2.0)),
@@ -356,7 +357,7 @@ class Warmed:
 
 def test_a_case_is_compared_with_what_follows_from_the_air_and_the_inside_with_the_case():
     run = Warmed()
-    case, inside = _case(run, "g"), _inside(run, "g")
+    case, inside = _case(RunSource(run, "g")), _inside(RunSource(run, "g"))
     assert (case.channel, inside.channel) == ("case_temperature", "gyro_temperature")
     time_s = case.inputs.time_s
     assert time_s[[0, 1, -1]].tolist() == [10.0, 20.0, 2990.0] and set(case.values.tolist()) == {21.0}
@@ -366,17 +367,19 @@ def test_a_case_is_compared_with_what_follows_from_the_air_and_the_inside_with_t
     assert case.quiet.tolist() == (time_s > 10.0 + 1800.0).tolist()
     assert inside.inputs.time_s[0] == 5.0 and set(inside.inputs.drive.tolist()) == {21.0}
     assert inside.values[[0, -1]].tolist() == [30.0, 30.25] and inside.resolution == 0.25
-    assert "no sensor" in _case(Warmed(None), "g") and "no sensor" in _inside(Warmed(None), "g")
-    assert "no sensor" in _case(run, "") and "no sensor" in _inside(run, "")
-    assert "case_sensor other" in _case(Warmed("other"), "g")
-    assert _inside(Warmed(inside=False), "g") == "the gyro says no temperature"
-    assert _inside(Warmed(end_s=15.0), "g") == "the gyro says no temperature"
+    assert "no sensor" in _case(RunSource(Warmed(None), "g")) and "no sensor" in _inside(
+        RunSource(Warmed(None), "g")
+    )
+    assert "no sensor" in _case(RunSource(run, "")) and "no sensor" in _inside(RunSource(run, ""))
+    assert "case_sensor other" in _case(RunSource(Warmed("other"), "g"))
+    assert _inside(RunSource(Warmed(inside=False), "g")) == "the gyro says no temperature"
+    assert _inside(RunSource(Warmed(end_s=15.0), "g")) == "the gyro says no temperature"
     bare = Warmed()
     bare.tables = ("gyro_g",)
-    assert "no sensor" in _case(bare, "g") and "no sensor" in _inside(bare, "g")
+    assert "no sensor" in _case(RunSource(bare, "g")) and "no sensor" in _inside(RunSource(bare, "g"))
     bare = Warmed()
     bare.chamber = lambda: {"time_ns": np.zeros(1, np.int64)}
-    assert "no record of the air" in _case(bare, "g")
+    assert "no record of the air" in _case(RunSource(bare, "g"))
 
 
 def test_stamps_are_the_earliest_of_every_second_and_what_comes_later_is_scatter(monkeypatch):
@@ -388,11 +391,11 @@ def test_stamps_are_the_earliest_of_every_second_and_what_comes_later_is_scatter
     arrival_s = np.maximum.accumulate(0.01 * (1.0 + 20e-6) * np.arange(n) + late + 7.0)
     seen = Arrivals(np.arange(n), arrival_s, 0.01)
     run = SimpleNamespace(
-        manifest=SimpleNamespace(stream={"g": 1}, run_id="run"), has_arrivals=lambda g: True, checksum="",
-        arrivals=lambda source: seen, phase_at=lambda t: np.full(len(t), "run"),
+        manifest=SimpleNamespace(stream={"g": 1}, run_id="run", units={}), checksum="",
+        has_arrivals=lambda g: True, arrivals=lambda source: seen, phase_at=lambda t: np.full(len(t), "run"),
     )  # fmt: skip
-    monkeypatch.setattr(_channel_data, "gyro_source", lambda *_: "source")
-    found = _stamps(run, "g")
+    monkeypatch.setattr(_channel_run, "gyro_source", lambda *_: "source")
+    found = _stamps(RunSource(run, "g"))
     assert found.inputs.time_s == pytest.approx(7.0 + np.arange(len(found.values)), abs=0.1)
     slope = np.polyfit(found.inputs.time_s, found.values, 1)[0]
     assert slope == pytest.approx(20e-3, rel=0.02) and abs(found.values.mean()) < 1e-9
@@ -402,18 +405,18 @@ def test_stamps_are_the_earliest_of_every_second_and_what_comes_later_is_scatter
     assert (
         found.scatter["late_frames"] == pytest.approx(4 / 60_000, rel=0.3) and 1e-3 <= found.resolution < 0.1
     )
-    assert _stamps(run, "h") == "no arrival times of the gyro's stream"
+    assert _stamps(RunSource(run, "h")) == "no arrival times of the gyro's stream"
     few = replace(seen, count=seen.count[:31], arrival_s=seen.arrival_s[:31])
     run.arrivals = lambda source: few
-    assert _stamps(run, "g") == "no arrival times of the gyro's stream"
+    assert _stamps(RunSource(run, "g")) == "no arrival times of the gyro's stream"
 
     def refuse(*_):
         raise ConfigurationError("no kind")
 
-    monkeypatch.setattr(_channel_data, "gyro_source", refuse)
-    assert _stamps(run, "g").startswith("the stream cannot be decoded again: no kind")
+    monkeypatch.setattr(_channel_run, "gyro_source", refuse)
+    assert _stamps(RunSource(run, "g")).startswith("the stream cannot be decoded again: no kind")
     run.has_arrivals = lambda g: False
-    assert _stamps(run, "g") == "no arrival times of the gyro's stream"
+    assert _stamps(RunSource(run, "g")) == "no arrival times of the gyro's stream"
 
 
 def test_a_drift_of_the_output_is_no_noise_that_hides_what_lies_between_polls():

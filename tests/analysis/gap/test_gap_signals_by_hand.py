@@ -24,7 +24,7 @@ from bench.analysis.gap import (
     read_recordings,
 )
 from bench.analysis.gap._causes import _rivals
-from bench.analysis.gap._channel_data import _table_demands
+from bench.analysis.gap._channel_run import RunSource
 from bench.analysis.gap._channels import ChannelFinding
 from bench.analysis.gap._data import check_runs, cut
 from bench.analysis.gap._disturbed import Disturbed, lines_hz
@@ -149,7 +149,7 @@ def test_a_demand_ends_when_its_axis_is_told_another_or_the_table_is_made_safe(f
         manifest=SimpleNamespace(bench=bench.model_dump(mode="json")),
         lines=[Line(time_s, event) for time_s, event in told],
     )
-    found = [(start, end, type(event).__name__) for start, end, event in _table_demands(run)]
+    found = [(start, end, type(event).__name__) for start, end, event in RunSource(run, "").table_demands()]
     assert found == [
         (1.0, 4.0, "AngleDemand"),
         (4.0, 7.0, "RateDemand"),
@@ -276,7 +276,11 @@ def run_of(name):
 
 def test_held_out_is_a_run_that_is_given_or_one_of_its_own(monkeypatch, tmp_path):
     monkeypatch.setattr(_recordings, "is_platform_run", lambda path: path.name.startswith("platform"))
-    monkeypatch.setattr(_recordings, "read_mapped_runs", lambda path, gyro: [run_of("m1"), run_of("m2")])
+    logs = [SimpleNamespace(run_id=name, has_rate=True) for name in ("m1", "m2")]
+    monkeypatch.setattr(_recordings, "_logs", lambda path, gyro: logs if path.suffix == ".toml" else None)
+    monkeypatch.setattr(_recordings, "LogSource", lambda made: made)
+    monkeypatch.setattr(_recordings, "channels_of", lambda source: ([], {}))
+    monkeypatch.setattr(_recordings, "rate_of", lambda made, axis: run_of(made.run_id))
     monkeypatch.setattr(_recordings, "load_gap_runs", lambda path, gyro: [run_of(f"{path.name} {gyro}")])
     inputs = ChannelInputs(np.arange(9.0), np.zeros(9), 0.0, 1.0)
     series = _recordings.ChannelSeries(

@@ -13,8 +13,8 @@ import pandas as pd
 import pytest
 from asammdf import MDF, Signal
 
-from bench.analysis.gap._channel_data import load_channels
 from bench.analysis.gap._import import read_mapped_runs
+from bench.analysis.gap._recordings import load_channels
 from bench.analysis.gap._run_folder import load_gap_runs
 from bench.analysis.thermal import load_runs
 from bench.control.run_record import decode_run
@@ -120,7 +120,8 @@ def test_a_log_without_air_or_case_temperature(tmp_path: Path) -> None:
     text = MAPPING.replace('air = { name = "air", unit = "degC" }', "")
     folder = import_log(*write(tmp_path, "csv", frame(), text), tmp_path / "runs")
     found, missing = load_channels(folder)
-    assert not found and "no commands in it" in missing["case_temperature"]
+    assert [series.channel for series in found] == ["gyro_temperature"]
+    assert "no column air" in missing["case_temperature"] and missing["chamber_air"] == "no column air"
     text = text.replace('t_out = { name = "case", unit = "degF" }', "").replace("log.*", "other.*")
     log, mapping = write(tmp_path, "csv", frame(), text)
     folder = import_log(log.rename(tmp_path / "other.csv"), mapping, tmp_path / "runs")

@@ -13,7 +13,7 @@ from typer import BadParameter, Option
 from bench.present.cli._console import Terminal
 from bench.present.cli._options import DiagnosedGyro, DiagnosedRuns, Json, NominalModel, OwnEffects
 from drivers.base.clock import utc_now
-from drivers.base.errors import BenchError
+from drivers.base.errors import BenchError, ConfigurationError
 
 if TYPE_CHECKING:
     from bench.analysis.gap import Diagnosis, Recordings, Suggestion
@@ -78,7 +78,7 @@ def diagnose(
     if bench is not None and following:
         plan = following[0]
         if not as_json:
-            causes = ", ".join(cause.name for cause in found.rate.causes) or "no cause named"
+            causes = ", ".join(cause.name for cause in found.causes) or "no cause named"
             console.say(
                 f"so far: {found.verdict}, {causes}; now {plan.procedure} ({plan.parameters}, "
                 f"{plan.hours:.1f} h of bench time) to decide {plan.decides}"
@@ -171,6 +171,13 @@ def close(
         text = f"{found.verdict}{named}: there is no effect to put into the model"
         console.say(text, style="yellow")
         return
+    if fmu is not None and found.of_rate is None:
+        raise ConfigurationError(
+            "an FMU of what is missing is one of a gyro's rate",
+            where="--fmu",
+            found="runs without a gyro",
+            remedy="close without --fmu: the model file has the channels' effects",
+        )
     if fmu is not None:
         gap.write_missing_fmu(gap.closed_model(found), nominal, given.shown, fmu)
     path = out or model.with_name(f"{model.stem}+{'+'.join(found.closing)}.toml")
@@ -181,4 +188,4 @@ def close(
     tables = gap.write_missing(closed, given.shown, path)
     console.say_json("result", **facts, file=path, tables=tables, fmu=fmu)
     console.say_all((path, *tables, *([fmu] if fmu else [])), soft_wrap=True)
-    console.say_all(learned_sentences(found.rate.learned) if found.position is None else ())
+    console.say_all(learned_sentences(found.of_rate.learned) if found.of_rate is not None else ())

@@ -23,7 +23,13 @@ _SHOWN = 8
 
 def print_rate(console: Terminal, diagnosis: Diagnosis, following: Sequence[Suggestion]) -> None:
     """Print what was found in the rate and the channels beside it, and what to do next."""
-    found = diagnosis.rate
+    found = diagnosis.of_rate
+    if found is None:
+        _print_verdict(console, diagnosis.unit_id, diagnosis.verdict)
+        _print_channels(console, diagnosis.channels)
+        if not any(channel.held_out for channel in diagnosis.channels):
+            console.say("no held-out runs: how far the gap shrinks is not known")
+        return
     shrunk = next(iter(found.held_out), None)
     _print_verdict(console, diagnosis.unit_id, found.verdict)
     for cause in found.causes:
@@ -154,8 +160,6 @@ def _print_fast(console: Terminal, found: FastFinding | None) -> None:
 def _print_channels(console: Terminal, channels: Sequence[ChannelFinding]) -> None:
     """Print a line for each channel, its causes, and what cannot be seen."""
     seen = [channel for channel in channels if not channel.reason]
-    if not seen:
-        return
     rows = []
     for channel in seen:
         gone = "".join(
@@ -165,8 +169,11 @@ def _print_channels(console: Terminal, channels: Sequence[ChannelFinding]) -> No
         rms, floor = f"{channel.rms:.3g} {channel.unit}", f"{channel.floor_rms:.2g}"
         name = channel.signal.replace("_", " ")
         rows.append((name, rms, floor, _most(channel.places), channel.verdict, gone))
-    console.table(("channel", "gap rms", "floor", "most of it", "verdict", "gone on held-out runs"), rows)
+    if seen:
+        console.table(("channel", "gap rms", "floor", "most of it", "verdict", "gone on held-out runs"), rows)
     for channel in seen:
+        if channel.caution:
+            console.say(f"  {channel.signal.replace('_', ' ')}: {channel.caution}", style="bold red")
         for cause in channel.causes:
             console.say(f"  {cause.name} ({100 * cause.probability:.0f} %): {channel.told(cause)}")
         console.say_all(f"  {channel.scatter(name)}" for name in channel.stochastic)
