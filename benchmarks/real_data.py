@@ -1,4 +1,4 @@
-"""Makes docs/real_data.md: `python -m benchmarks.real_data [--data FOLDER] [--cache FOLDER] [--write]`.
+"""Makes docs/real_data.md: `python -m benchmarks.real_data [--data DIR] [--cache DIR] [--only NAME] [--write]`.
 
 Recordings made by others are looked at, fitted and diagnosed as a user would, and what is said is compared with
 what is known to be in them. Those in `--data` (default ../shared/data) come with the project's data; the others
@@ -11,8 +11,7 @@ import argparse
 import json
 import math
 import tempfile
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,9 @@ from bench.analysis.look import Look, LookOptions, half_differences, look, write
 from bench.analysis.rlg import load_chamber_cycle, study_chamber_cycle
 from bench.record.exchange import import_log
 from bench.record.recording import Run
-from benchmarks._fetched import CACHE, fetched
+from benchmarks import _heated_plants as heated_plants
+from benchmarks._fetched import CACHE
+from benchmarks._said import Recording, Said
 from drivers.base.clock import host_seconds
 from drivers.base.errors import BenchError, ConfigurationError
 
@@ -45,33 +46,6 @@ _SUNSIDED = "sunsided/sensor-fusion@f16045a9d1d4f9037a183f436fe3c098a38ad99d:dat
 _GNSS_OF_NAVEGO = (
     "rodralez/NaveGo@550d90660dceddf70af8957f1fdc988eb763a315:examples/real-data/ekinox_gnss.mat"
 )
-
-
-@dataclass(frozen=True)
-class Said:
-    """One statement: what is known, by whom, what was said, and whether it is right."""
-
-    known: str
-    by: str
-    said: str
-    right: bool
-
-
-@dataclass(frozen=True)
-class Recording:
-    """A recording: file in the data folder, or `repo@commit:path` with the SHA-256 of what is to be fetched."""
-
-    name: str
-    place: str
-    licence: str
-    check: Callable[[Path], Iterator[Said]]
-    sha256: str = ""
-
-    def path(self, data: Path, cache: Path) -> Path:
-        """Return the file, fetched if it is public; OSError if it cannot be had."""
-        if not self.sha256:
-            return data / self.place
-        return fetched(self.place, self.sha256, cache)
 
 
 def gap_of(found: Look, axis: str, latitude_deg: float) -> str:
@@ -505,6 +479,7 @@ RECORDINGS = (
         heated_plate,
         "10278caee2b095cca028e19acd9146157a75cdd8426e0490231de7a9def8ebdc",
     ),
+    *heated_plants.RECORDINGS,
     Recording(
         "MPU-6050 turned by hand",
         f"{_SUNSIDED}rotate-360ccw-around-z-pointing-up/mpu6050_gyroscope.mat",
@@ -586,46 +561,67 @@ RECORDINGS = (
 )
 
 
-def page(data: Path, cache: Path) -> str:
-    """Return the page; recordings that cannot be had are named in it."""
-    lines, right, total, missing = [], 0, 0, []
+def page(data: Path, cache: Path, only: Collection[str] = (), old: str = "") -> str:
+    """Return the page; recordings that cannot be had are named in it.
+
+    Of those not among `only`, if that has names, the sections of the `old` page are taken as they stand.
+    """
+    sections, missing = [], []
+    kept = {part.partition("\n")[0]: f"## {part.rstrip()}\n" for part in old.split("\n## ")[1:]}
     for recording in RECORDINGS:
-        began_s = host_seconds()
         try:
-            rows = list(recording.check(recording.path(data, cache)))
+            if only and recording.name not in only:
+                sections.append(kept[recording.name])
+            else:
+                sections.append(_section(recording, data, cache))
+        except KeyError:
+            missing.append(f"{recording.name}: not in the page as it stands, and not asked for")
         except OSError as error:
             missing.append(f"{recording.name}: {error}")
-            continue
-        except BenchError as error:
-            rows = [Said("can be read", "its maker", f"refused: {error}", False)]
-        took_s = host_seconds() - began_s
-        print(f"{recording.name}: {sum(row.right for row in rows)} of {len(rows)} right, {took_s:.1f} s")
-        source = (
-            recording.place.replace("@", " @ ").replace(":", " : ") if recording.sha256 else recording.place
-        )
-        lines += [
-            f"## {recording.name}", "", f"`{source}`, {recording.licence}, {took_s:.1f} s", "",
-            "| known | by | said | right |", "|---|---|---|---|",
-            *(
-                f"| {row.known} | {row.by} | {row.said.replace('|', '/')} | {'yes' if row.right else '**no**'} |"
-                for row in rows
-            ),
-            "",
-        ]  # fmt: skip
-        right, total = right + sum(row.right for row in rows), total + len(rows)
+    rows = [line for section in sections for line in section.splitlines() if line.startswith("| ")]
+    right = sum(line.endswith("| yes |") for line in rows)
+    total = right + sum(line.endswith("| **no** |") for line in rows)
     summary = f"{right} of {total} statements right, {len(RECORDINGS) - len(missing)} recordings.\n"
     if missing:
         summary += "\nNot had: " + "; ".join(missing) + ".\n"
-    return _HEAD + summary + "\n" + "\n".join(lines)
+    return _HEAD + summary + "\n" + "\n".join(sections)
+
+
+def _section(recording: Recording, data: Path, cache: Path) -> str:
+    began_s = host_seconds()
+    path = recording.path(data, cache)
+    try:
+        rows = list(recording.check(path))
+    except BenchError as error:
+        rows = [Said("can be read", "its maker", f"refused: {error}", False)]
+    took_s = host_seconds() - began_s
+    print(f"{recording.name}: {sum(row.right for row in rows)} of {len(rows)} right, {took_s:.1f} s")
+    place = recording.place.replace("@", " @ ").replace(":", " : ") if recording.sha256 else recording.place
+    lines = [
+        f"## {recording.name}", "", f"`{place}`, {recording.licence}, {took_s:.1f} s", "",
+        "| known | by | said | right |", "|---|---|---|---|",
+        *(
+            f"| {row.known} | {row.by} | {row.said.replace('|', '/')} | {'yes' if row.right else '**no**'} |"
+            for row in rows
+        ),
+        "",
+    ]  # fmt: skip
+    return "\n".join(lines)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=Path("../shared/data"), help="recordings of the project")
     parser.add_argument("--cache", type=Path, default=CACHE, help="where fetched recordings are kept")
+    parser.add_argument(
+        "--only", nargs="+", default=[], metavar="NAME", help="those only; others stay as they are"
+    )
     parser.add_argument("--write", action="store_true", help=f"write {PAGE}")
     arguments = parser.parse_args()
-    text = page(arguments.data, arguments.cache)
+    if unknown := sorted(set(arguments.only) - {recording.name for recording in RECORDINGS}):
+        parser.error(f"no such recording: {', '.join(unknown)}")
+    old = PAGE.read_text(encoding="utf-8") if arguments.only else ""
+    text = page(arguments.data, arguments.cache, arguments.only, old)
     if arguments.write:
         PAGE.write_text(text, encoding="utf-8")
     else:

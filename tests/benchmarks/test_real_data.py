@@ -45,6 +45,22 @@ def test_the_page_counts_what_is_wrong_and_names_what_is_missing(
     assert "| a | b | c/d | yes |" in text and "| e | f | g | **no** |" in text
 
 
+def test_of_recordings_not_asked_for_the_page_keeps_its_sections(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = (
+        Recording(name, "log.csv", "MIT", lambda path, name=name: iter([Said(name, "b", "new", True)]))
+        for name in ("first", "second")
+    )
+    monkeypatch.setattr(real_data, "RECORDINGS", (first, second))
+    old = page(tmp_path, tmp_path).replace("| b | new | yes |", "| b | old | **no** |")
+    text = page(tmp_path, tmp_path, ["second"], old)
+    assert "| first | b | old | **no** |" in text and "| second | b | new | yes |" in text
+    assert "1 of 2 statements right, 2 recordings." in text
+    assert page(tmp_path, tmp_path, ["first", "second"], old) == page(tmp_path, tmp_path)
+    assert "Not had: first: not in the page" in page(tmp_path, tmp_path, ["second"], "")
+
+
 def test_every_recording_has_a_source_and_a_licence() -> None:
     for recording in RECORDINGS:
         assert recording.licence and ("@" in recording.place) == bool(recording.sha256)

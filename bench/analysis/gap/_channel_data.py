@@ -177,12 +177,13 @@ def _following(source: ChannelSource, channel: Channel, body: Trace, around: Tra
 
 
 def _steady(values: Array, within: float, step_s: float) -> NDArray[np.bool_]:
-    """Return where values changed by no more than that in the half hour before, (n,)."""
+    """Return where values changed by no more than that in the half hour before, (n,); not in the first one."""
     size = math.ceil(_SETTLED_S / step_s) + 1
     shift = size // 2  # the window ends at the value
     highest = maximum_filter1d(values, size, mode="nearest", origin=shift if size % 2 else shift - 1)
     lowest = minimum_filter1d(values, size, mode="nearest", origin=shift if size % 2 else shift - 1)
-    return np.asarray(highest - lowest <= within)
+    known = np.arange(len(values)) >= size - 1
+    return np.asarray((highest - lowest <= within) & known)
 
 
 def _means_of(command: Trace, middles_s: Array, step_s: float) -> Array:
