@@ -13,7 +13,7 @@ from simulators.effects._channel import ChannelInputs
 from simulators.effects._stimulus import follower
 
 _STEFAN_BOLTZMANN = 5.670374419e-8
-_FINE, _MOST_PARTS = 0.5, 8
+_FINE, _MOST_PARTS = 0.1, 16
 """Part of the shortest time constant that a step may be, and the parts into which steps are divided for it."""
 
 

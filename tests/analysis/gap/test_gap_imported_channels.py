@@ -289,3 +289,75 @@ def test_a_log_in_which_nothing_can_be_diagnosed_is_refused(tmp_path: Path) -> N
     with pytest.raises(ConfigurationError, match="nothing in the log can be diagnosed") as refused:
         read_recordings([file])
     assert "no column set_point" in refused.value.found
+
+
+LOAD = """
+import numpy as np
+from simulators.effects import ChannelEffect, Parameter, Unit
+
+PUT_IN_S = 1500.0
+
+def put_in(inputs, signal, values):
+    \"\"\"A load at the temperature of the air is put in: it takes up heat until it is as warm as the case.\"\"\"
+    dip_k, lag_s = values
+    since_s = np.maximum(inputs.time_s - PUT_IN_S, 0.0)
+    return signal - dip_k * (since_s / lag_s) * np.exp(1.0 - since_s / lag_s)
+
+LOAD = ChannelEffect(
+    "cold_load", "case_temperature",
+    (Parameter("dip_k", -50.0, 50.0, Unit("K")), Parameter("lag_s", 10.0, 1e4, Unit("s"))),
+    (0.0, 300.0), "time since the load was put in", "own", "A cold load was put in.", put_in,
+    starts=((1.0, 300.0),),
+)
+"""
+FLAP = """
+import numpy as np
+from simulators.effects import ChannelEffect, Parameter, Unit
+
+def leak(inputs, signal, values):
+    \"\"\"The room's air comes in while the flap is open: the air falls behind at once, and comes back.\"\"\"
+    return signal + values[0] * ((inputs.time_s > 4000.0) & (inputs.time_s < 4600.0))
+
+FLAP = ChannelEffect(
+    "open_flap", "chamber_air", (Parameter("leak_k", -50.0, 50.0, Unit("K")),), (0.0,), "the flap", "own",
+    "A flap lets the room's air in.", leak,
+)
+"""
+
+
+@pytest.mark.parametrize("kind", ["a load put in", "a flap of the chamber"])
+def test_an_effect_of_ones_own_for_a_channel_in_one_short_file_is_fitted_and_named(
+    tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("simulators.effects._catalogue._FROM_FILES", {})
+    own, rng = tmp_path / "mine.py", np.random.default_rng(3)
+    if kind == "a load put in":
+        own.write_text(LOAD)
+        file, name, channel, values = plant(tmp_path), "cold_load", "case_temperature", (4.0, 500.0)
+        for log in tmp_path.glob("day*.csv"):
+            table = pd.read_csv(log)
+            since_s = np.maximum(table["t"] - 1500.0, 0.0)
+            table["case"] -= 4.0 * (since_s / 500.0) * np.exp(1.0 - since_s / 500.0)
+            table.to_csv(log, index=False)
+    else:
+        own.write_text(FLAP)
+        (tmp_path / "nominal.toml").write_text(MODEL)
+        t = np.arange(0.0, 9000.0)
+        flap = 3.0 * ((t > 4000.0) & (t < 4600.0))
+        course = 25.0 - np.clip((t - 1000.0) / 60.0, 0.0, 40.0)
+        tables = {
+            f"day{day}": {
+                "t": t,
+                "set": course,
+                "air": np.round(course + flap + rng.normal(0, 0.02, len(t)), 2),
+            }
+            for day in range(2)
+        }
+        file, name, channel, values = mapped(tmp_path, tables), "open_flap", "chamber_air", (3.0,)
+    given = ["gap", "diagnose", str(file), "--model", str(tmp_path / "nominal.toml"), "--effects", str(own)]
+    said = CliRunner().invoke(app, [*given, "--held-out", "day1", "--json"])
+    assert said.exit_code == 0, said.output
+    (found,) = [each for each in json.loads(said.output)["channels"] if each["channel"] == channel]
+    assert [cause["name"] for cause in found["causes"]] == [name]
+    assert tuple(found["causes"][0]["parameters"].values()) == pytest.approx(values, rel=0.05)
+    assert found["held_out"]["share"] > 0.95
