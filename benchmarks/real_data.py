@@ -21,7 +21,7 @@ from bench.analysis.look import Look, LookOptions, half_differences, look, write
 from bench.analysis.rlg import load_chamber_cycle, study_chamber_cycle
 from bench.record.exchange import import_log
 from bench.record.recording import Run
-from benchmarks import _heated_plants as heated_plants
+from benchmarks import _foreign_fmu, _heated_plants
 from benchmarks._fetched import CACHE
 from benchmarks._said import Recording, Said
 from drivers.base.clock import host_seconds
@@ -479,7 +479,8 @@ RECORDINGS = (
         heated_plate,
         "10278caee2b095cca028e19acd9146157a75cdd8426e0490231de7a9def8ebdc",
     ),
-    *heated_plants.RECORDINGS,
+    *_heated_plants.RECORDINGS,
+    *_foreign_fmu.RECORDINGS,
     Recording(
         "MPU-6050 turned by hand",
         f"{_SUNSIDED}rotate-360ccw-around-z-pointing-up/mpu6050_gyroscope.mat",
