@@ -17,6 +17,7 @@ from bench.analysis.gap._candidates import (
     effects_beside,
     possible_candidates,
 )
+from bench.analysis.gap._channel_data import ChannelSeries
 from bench.analysis.gap._data import GapRun, beside
 from bench.analysis.gap._diagnose import Recording
 from bench.analysis.gap._evidence import Candidate, reduced
@@ -51,13 +52,16 @@ def identifiable(runs: Sequence[Recording], model: Model) -> tuple[Identifiable,
     """Return what `runs` can show of every effect that `model` lacks, in the order of the catalogue.
 
     One effect is alike another if it leaves less than a sixteenth of the other's energy: formulas of the
-    catalogue miss a quarter of a real effect's amplitude. ConfigurationError for runs of a platform, and for
-    those that cannot be diagnosed.
+    catalogue miss a quarter of a real effect's amplitude. ConfigurationError for runs of a platform, logs
+    without a gyro, and runs that cannot be diagnosed.
     """
     rates = [run for run in runs if isinstance(run, GapRun)]
     if not rates:
+        of_channels = any(isinstance(run, ChannelSeries) for run in runs)
         raise ConfigurationError(
-            "these runs have no rate", found="positions of a platform", expected="runs of a gyro"
+            "these runs have no rate",
+            found="a log without a gyro" if of_channels else "positions of a platform",
+            expected="runs of a gyro",
         )
     variants = [each for each in candidate_variants(model, rates) if not isinstance(each.effect, FreeCurve)]
     data = prepare(

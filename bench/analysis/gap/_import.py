@@ -38,7 +38,10 @@ def read_imported_run(run: Run) -> GapRun:
 
 
 def rate_of(made: MappedLog, axis: str | None = None) -> GapRun:
-    """Return the rate of a log's gyro, of another axis than that of test if told; ConfigurationError without one."""
+    """Return the rate of a log's gyro, of another axis than that of test if told.
+
+    ConfigurationError for a log without one.
+    """
     run = _run(made.entry, made.mapping, made.file, made.log, axis)
     return replace(run, run_id=made.run_id, checksum=made.checksum)
 

@@ -107,7 +107,8 @@ class Turned:
     checksum: str = "sum"
 
     def __post_init__(self) -> None:
-        self.manifest = SimpleNamespace(run_id="run", bench=load_bench_file(DEMO).model_dump(mode="json"))
+        bench = load_bench_file(DEMO).model_dump(mode="json")
+        self.manifest = SimpleNamespace(run_id="run", bench=bench, units={})
         self.lines = [Line(time_s, event) for time_s, event in (*self.demands, (self.end_s, None))]
 
     def turntable(self, columns: object, start_s: float = 0.0, end_s: float | None = None) -> dict[str, Any]:

@@ -535,13 +535,12 @@ def test_procedures_are_suggested_by_log_odds_an_hour_up_to_three_hundred(monkey
     designs = [SimpleNamespace(procedure=n, text=n, hours=h, settings={"a": h}) for n, h in hours.items()]
     monkeypatch.setattr(_suggest, "usual_designs", lambda latitude: designs)
     monkeypatch.setattr(_suggest, "_log_odds", lambda design, *_: odds[design.procedure])
-    found = SimpleNamespace(
-        position=None, model=None, rate=rate_of(causes=(Cause("warm_up", "", 0.9, None, {}),))
-    )
+    rate = rate_of(causes=(Cause("warm_up", "", 0.9, None, {}),))
+    found = SimpleNamespace(model=None, rate=rate, of_rate=rate)
     # 300 of 10 h are 30, 40 of one 40, 200 of three 67; what decides nothing is left out
     assert [each.procedure for each in suggest(found)] == ["long", "fast", "slow"]
     assert suggest(found, 1) == [Suggestion("long", "long", 3.0, 200.0, "size of warm_up", {"a": 3.0})]
-    assert suggest(SimpleNamespace(position=1)) == []
+    assert suggest(SimpleNamespace(of_rate=None)) == []
 
 
 @pytest.mark.parametrize("period_s", [1.0, 2.0, 0.25])

@@ -276,7 +276,7 @@ def fit_of(monkeypatch, starts, target, bounds=(-10.0, 10.0), begin=6.0):
     )
     own = SimpleNamespace(
         name="b",
-        starts=starts,
+        begins=lambda values: starts,
         neutral=(begin,),
         parameters=(SimpleNamespace(low=bounds[0], high=bounds[1]),),
     )
