@@ -254,6 +254,13 @@ def lid_and_heater(path: Path) -> Iterator[Said]:
         f"{mass:.1f} ± {sigma:.1f} J/K: its lag is seen, of its mass little",
         abs(mass - _WITH_LID.heater_capacity) < 3.0 * sigma,
     )  # fmt: skip
+    masses = ("case_heat_capacity", "heater_heat_capacity")
+    whole_j = sum(term.values[0] for term in found.terms if term.name in masses)
+    theirs_j = _WITH_LID.capacity + _WITH_LID.heater_capacity
+    yield Said(
+        f"box and heater together have {theirs_j:.0f} J/K", "their fit to this log", f"{whole_j:.0f} J/K",
+        abs(whole_j / theirs_j - 1.0) < 0.1,
+    )  # fmt: skip
     for name in ("january", "december 1"):
         before, after = _left(found)[name]
         theirs = _WITH_LID.left_k(logs[name])
