@@ -1,0 +1,109 @@
+"""What a search concludes from its runs, wherever they come from: where it stands, and which run comes next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from bench.analysis import gap
+from bench.analysis.gap import Choice, Design, Diagnosis, Model, Outlook, Recordings
+
+NO_GAP = "no gap"
+DECIDED, UNDECIDED, BUDGET = "decided", "undecided", "budget"
+_LEAST_NATS = 0.02
+"""Expected information below which a run is not worth making."""
+_CLEAR = 10.0
+"""Standard deviations above the noise that a run must show of an explanation to confirm it."""
+
+Order = Callable[[Sequence[Choice]], Sequence[Choice]]
+
+
+@dataclass(frozen=True, eq=False)
+class Conclusion:
+    """Where a search stands after its runs.
+
+    `confirmed` is None as long as nothing has the probability asked for, then whether what acts was seen in a
+    run that it was not fitted to; `unseen` are the names that such a run has to show.
+    """
+
+    outlook: Outlook
+    diagnosis: Diagnosis | None
+    acts: str
+    probability: float
+    confirmed: bool | None = None
+    unseen: frozenset[str] = frozenset()
+
+    @property
+    def verdict(self) -> str:
+        """The diagnosis' verdict, or that there is none yet."""
+        return self.diagnosis.verdict if self.diagnosis else "nothing recorded"
+
+
+def by_information(choices: Sequence[Choice]) -> list[Choice]:
+    """Return what is worth making of choices that are sorted by information an hour."""
+    return [each for each in choices if each.nats > _LEAST_NATS]
+
+
+def conclude(runs: Sequence[Recordings], model: Model, designs: Sequence[Design], until: float) -> Conclusion:
+    """Diagnose the recordings of some runs, in their order, and judge whether that answers the question."""
+    found = _diagnosed(runs, model)
+    shown = [each for run in runs for each in run.shown]
+    now = gap.outlook(None if found is None else found.rate, model, shown, designs)
+    acts, probability = leading(now.probabilities)
+    if probability < until:
+        return Conclusion(now, found, acts, probability)
+    confirmed, unseen = _confirmed(now, acts, runs, model)
+    return Conclusion(now, found, acts, probability, confirmed, unseen)
+
+
+def next_choice(
+    now: Conclusion,
+    left_h: float,
+    order: Order = by_information,
+    usable: Callable[[Design], bool] = lambda design: True,
+) -> tuple[Choice | None, str]:
+    """Return the run to make in the bench time left, or None and how the search has ended."""
+    if now.confirmed is not None:
+        choice = None if now.confirmed else now.outlook.showing(now.unseen, left_h, _CLEAR)
+        return choice, "" if choice else DECIDED
+    fitting = [each for each in now.outlook.choices(left_h) if usable(each.design)]
+    choice = next(iter(order(fitting)), None)
+    return choice, "" if choice else UNDECIDED if fitting else BUDGET
+
+
+def by_name(probabilities: Mapping[frozenset[str], float]) -> dict[str, float]:
+    """Return probabilities by the names that act, as they are written and told."""
+    return {" + ".join(sorted(label)) or NO_GAP: value for label, value in probabilities.items()}
+
+
+def leading(probabilities: Mapping[frozenset[str], float]) -> tuple[str, float]:
+    """Return what most probably acts, and how probable it is."""
+    return max(by_name(probabilities).items(), key=lambda item: item[1])
+
+
+def _diagnosed(
+    runs: Sequence[Recordings], model: Model, held_out: Sequence[Recordings] = ()
+) -> Diagnosis | None:
+    if not runs:
+        return None
+    missing = {name: reason for run in runs for name, reason in run.missing.items()}
+    judging = [each for run in held_out for each in run.runs]
+    return gap.diagnose([each for run in runs for each in run.runs], model, judging, missing)
+
+
+def _confirmed(
+    now: Outlook, acts: str, runs: Sequence[Recordings], model: Model
+) -> tuple[bool, frozenset[str]]:
+    """Return whether the newest run has shown what acts, found without it; else what is to be shown."""
+    if acts == NO_GAP:
+        return True, frozenset()
+    label = now.leading.label
+    before = _diagnosed(runs[:-1], model, runs[-1:])
+    if before is None:
+        return False, label
+    names = frozenset(cause.name for cause in before.rate.causes)
+    names |= {gap.UNKNOWN} if before.rate.unknown_probability > 0.5 else set()
+    held = [each for each in before.rate.held_out if each.cells]
+    if names == label and (gap.UNKNOWN in names or any(each.low > 0.5 for each in held)):
+        return True, frozenset()
+    return False, (label - names) or label
