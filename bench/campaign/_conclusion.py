@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from bench.analysis import gap
 from bench.analysis.gap import Choice, Design, Diagnosis, Model, Outlook, Recordings
@@ -12,10 +12,28 @@ NO_GAP = "no gap"
 DECIDED, UNDECIDED, BUDGET = "decided", "undecided", "budget"
 _LEAST_NATS = 0.02
 """Expected information below which a run is not worth making."""
+_DOUBT_NATS = 0.1
 _CLEAR = 10.0
 """Standard deviations above the noise that a run must show of an explanation to confirm it."""
 
 Order = Callable[[Sequence[Choice]], Sequence[Choice]]
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """A run that was made: its design's key, and its recordings."""
+
+    design: str
+    recordings: Recordings
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a run of a design was expected to tell, and what it told, nats."""
+
+    design: str
+    expected: float
+    gained: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,15 +62,17 @@ def by_information(choices: Sequence[Choice]) -> list[Choice]:
     return [each for each in choices if each.nats > _LEAST_NATS]
 
 
-def conclude(runs: Sequence[Recordings], model: Model, designs: Sequence[Design], until: float) -> Conclusion:
+def conclude(runs: Sequence[Made], model: Model, designs: Sequence[Design], until: float) -> Conclusion:
     """Diagnose the recordings of some runs, in their order, and judge whether that answers the question."""
-    found = _diagnosed(runs, model)
-    shown = [each for run in runs for each in run.shown]
-    now = gap.outlook(None if found is None else found.rate, model, shown, designs)
+    given = [run.recordings for run in runs]
+    found = _diagnosed(given, model)
+    shown = [each for run in given for each in run.shown]
+    made = {run.design: run.recordings.shown for run in runs}
+    now = gap.outlook(None if found is None else found.rate, model, shown, designs, made)
     acts, probability = leading(now.probabilities)
-    if probability < until:
-        return Conclusion(now, found, acts, probability)
-    confirmed, unseen = _confirmed(now, acts, runs, model)
+    confirmed, unseen = None, frozenset[str]()
+    if probability >= until:
+        confirmed, unseen = _confirmed(now, acts, given, model)
     return Conclusion(now, found, acts, probability, confirmed, unseen)
 
 
@@ -61,14 +81,37 @@ def next_choice(
     left_h: float,
     order: Order = by_information,
     usable: Callable[[Design], bool] = lambda design: True,
+    history: Sequence[Told] = (),
 ) -> tuple[Choice | None, str]:
-    """Return the run to make in the bench time left, or None and how the search has ended."""
+    """Return the run to make in the bench time left, or None and how the search has ended.
+
+    A design that was made and told less than was expected of it is expected to tell that much less again.
+    """
     if now.confirmed is not None:
         choice = None if now.confirmed else now.outlook.showing(now.unseen, left_h, _CLEAR)
         return choice, "" if choice else DECIDED
-    fitting = [each for each in now.outlook.choices(left_h) if usable(each.design)]
+    told = _told(history)
+    made = [
+        replace(each, nats=each.nats * told.get(each.design.key, 1.0))
+        for each in now.outlook.choices(left_h)
+        if usable(each.design)
+    ]
+    fitting = sorted(made, key=lambda choice: -choice.nats / choice.design.hours)
     choice = next(iter(order(fitting)), None)
     return choice, "" if choice else UNDECIDED if fitting else BUDGET
+
+
+def _told(runs: Sequence[Told]) -> dict[str, float]:
+    """Return by design which part of the information expected of its runs they gave, at most all of it.
+
+    What was expected stands for _DOUBT_NATS beside it, so that a run of which little was expected says little.
+    """
+    told = {}
+    for design in {run.design for run in runs}:
+        own = [run for run in runs if run.design == design]
+        expected, gained = sum(run.expected for run in own), sum(run.gained for run in own)
+        told[design] = min((gained + _DOUBT_NATS) / (expected + _DOUBT_NATS), 1.0)
+    return told
 
 
 def by_name(probabilities: Mapping[frozenset[str], float]) -> dict[str, float]:

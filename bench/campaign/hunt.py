@@ -25,7 +25,9 @@ from bench.campaign._conclusion import (
     NO_GAP,
     UNDECIDED,
     Conclusion,
+    Made,
     Order,
+    Told,
     by_information,
     by_name,
     conclude,
@@ -48,10 +50,13 @@ __all__ = [
     "Conclusion",
     "Hunt",
     "HuntSettings",
+    "Made",
     "Order",
     "Step",
+    "Told",
     "begin_hunt",
     "by_information",
+    "by_name",
     "conclude",
     "next_choice",
     "steps_of",
@@ -166,10 +171,12 @@ class Hunt:
             return None
         done = [state for state in self.folder.states() if state.state == "done"]
         good = [state for state in done if state.outcome == "completed"]
-        now = conclude(self._recordings(good), self.model, self.designs, self.settings.until)
+        now = conclude(self._made(good), self.model, self.designs, self.settings.until)
         self.diagnosis, self.outlook = now.diagnosis, now.outlook
         left_h = self.settings.budget_h - sum(state.duration_s or 0.0 for state in done) / 3600.0
-        choice, ended = next_choice(now, left_h, self._order, lambda design: _usable(design, done))
+        choice, ended = next_choice(
+            now, left_h, self._order, lambda design: _usable(design, done), self._history(now, good)
+        )
         self.note(now, ended)
         if choice is None:
             return None
@@ -218,13 +225,35 @@ class Hunt:
         others = gap.other_equipment(self.folder.file.bench.latitude_deg)
         return [text for text, design in others if self.outlook.information(design) > _WORTH_EQUIPMENT]
 
-    def _recordings(self, good: Sequence[RunState]) -> list[Recordings]:
+    def _made(self, good: Sequence[RunState]) -> list[Made]:
         """Return what was recorded, each folder read once."""
-        folders = [state.folder for state in good if state.folder is not None]
-        for folder in folders:
-            if folder not in self._read:
-                self._read[folder] = gap.read_recordings([folder], gyro=self.gyro.name)
-        return [self._read[folder] for folder in folders]
+        made = []
+        for state in good:
+            if state.folder is None:
+                continue
+            if state.folder not in self._read:
+                self._read[state.folder] = gap.read_recordings([state.folder], gyro=self.gyro.name)
+            key = gap.key_of(state.run.procedure, state.run.parameters)
+            made.append(Made(key, self._read[state.folder]))
+        return made
+
+    def _history(self, now: Conclusion, good: Sequence[RunState]) -> list[Told]:
+        """Return what the runs told of what was expected, the newest by where the search stands now."""
+        names = {state.run.name: state.run for state in good}
+        history = []
+        for step in steps_of(self):
+            if (run := names.get(step.chosen.run)) is None:
+                continue
+            gained = step.after.gained_nats if step.after is not None else self._gained(now)
+            key = gap.key_of(run.procedure, run.parameters)
+            history.append(Told(key, step.chosen.expected_nats, gained or 0.0))
+        return history
+
+    def _gained(self, now: Conclusion) -> float | None:
+        """Return how far the newest run has moved the probabilities; None before the first."""
+        before = [each for each in self.steps if isinstance(each, Sought)]
+        probabilities = by_name(now.outlook.probabilities)
+        return gap.information_gained(before[-1].probabilities, probabilities) if before else None
 
 
 @dataclass(frozen=True)
