@@ -13,6 +13,7 @@ DECIDED, UNDECIDED, BUDGET = "decided", "undecided", "budget"
 _LEAST_NATS = 0.02
 """Expected information below which a run is not worth making."""
 _DOUBT_NATS = 0.1
+"""Information as expected that stands beside what a design's runs told, so that a run of little says little."""
 _CLEAR = 10.0
 """Standard deviations above the noise that a run must show of an explanation to confirm it."""
 
@@ -41,13 +42,15 @@ class Conclusion:
     """Where a search stands after its runs.
 
     `confirmed` is None as long as nothing has the probability asked for, then whether what acts was seen in a
-    run that it was not fitted to; `unseen` are the names that such a run has to show.
+    run that it was not fitted to; `unseen` are the names that such a run has to show. `until`: the
+    probability asked for.
     """
 
     outlook: Outlook
     diagnosis: Diagnosis | None
     acts: str
     probability: float
+    until: float
     confirmed: bool | None = None
     unseen: frozenset[str] = frozenset()
 
@@ -73,7 +76,7 @@ def conclude(runs: Sequence[Made], model: Model, designs: Sequence[Design], unti
     confirmed, unseen = None, frozenset[str]()
     if probability >= until:
         confirmed, unseen = _confirmed(now, acts, given, model)
-    return Conclusion(now, found, acts, probability, confirmed, unseen)
+    return Conclusion(now, found, acts, probability, until, confirmed, unseen)
 
 
 def next_choice(
@@ -97,20 +100,35 @@ def next_choice(
         if usable(each.design)
     ]
     fitting = sorted(made, key=lambda choice: -choice.nats / choice.design.hours)
-    choice = next(iter(order(fitting)), None)
+    wanted = list(order(fitting))
+    choice = next(iter(wanted), None)
+    if choice is not None and order is by_information:
+        choice = _sooner(wanted, now.until) or choice
     return choice, "" if choice else UNDECIDED if fitting else BUDGET
+
+
+def _sooner(choices: Sequence[Choice], until: float) -> Choice | None:
+    """Return the shortest run that would end the search if what leads is true, and is no longer than the first.
+
+    Information an hour does not know that the search ends: of two runs that end it the longer one tells more.
+    """
+    closing = [c for c in choices if c.if_true >= until and c.design.hours <= choices[0].design.hours]
+    return min(closing, key=lambda choice: choice.design.hours, default=None)
 
 
 def _told(runs: Sequence[Told]) -> dict[str, float]:
     """Return by design which part of the information expected of its runs they gave, at most all of it.
 
-    What was expected stands for _DOUBT_NATS beside it, so that a run of which little was expected says little.
+    `runs` are in their order, and what was expected of each is less what the design had failed to tell before. A
+    run that told more than expected does so once: its repeats do not.
     """
-    told = {}
-    for design in {run.design for run in runs}:
-        own = [run for run in runs if run.design == design]
-        expected, gained = sum(run.expected for run in own), sum(run.gained for run in own)
-        told[design] = min((gained + _DOUBT_NATS) / (expected + _DOUBT_NATS), 1.0)
+    told: dict[str, float] = {}
+    sums: dict[str, tuple[float, float]] = {}
+    for run in runs:
+        expected, gained = sums.get(run.design, (_DOUBT_NATS, _DOUBT_NATS))
+        own = run.expected / told.get(run.design, 1.0)
+        sums[run.design] = expected, gained = expected + own, gained + min(run.gained, own)
+        told[run.design] = gained / expected
     return told
 
 

@@ -21,6 +21,7 @@ from bench.analysis.gap._candidates import effects_beside
 from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._designs import usual_designs
 from bench.analysis.gap._model_file import Term
+from bench.analysis.gap._outlook import usual_variant
 from bench.lab.emulated import Plant, unit_seed
 from bench.record.benchfile import BenchFile, load_bench_file
 from benchmarks.gap_exam._family import Effect, Family, Unit
@@ -130,9 +131,8 @@ class FibreOptic:
 
     def term(self, effect: str, size: float) -> Term:
         """Return an effect in its usual form, its first parameter of some size."""
-        variants = self._effects[effect].variants()
         values = (size, *(0.0 for _ in self._effects[effect].parameters[1:]))
-        return Term(variants[len(variants) // 2], values, tuple(abs(size) for _ in values))
+        return Term(usual_variant(self._effects[effect]), values, tuple(abs(size) for _ in values))
 
     def truth(self, gap: Gap) -> Model:
         """Return the model that a unit follows: the nominal one without what the bench adds, and its effects."""

@@ -49,6 +49,25 @@ def expected_information(gram: Array, explanations: Sequence[Foretold]) -> float
     return float(-(weights @ np.log(near @ weights)))
 
 
+def expected_if(gram: Array, explanations: Sequence[Foretold], true: int) -> Array:
+    """Return the probabilities (m,) of explanations that a run is expected to leave if one of them is true.
+
+    Each loses the mean log odds that the run gives against it: the Kullback-Leibler divergence of the true one's
+    prediction, at its fitted size, from its own.
+    """
+    lost = np.zeros(len(explanations))
+    for index, each in enumerate(explanations):
+        if index == true:
+            continue
+        root = _root(each)
+        inner = np.eye(root.shape[1]) + root.T @ gram @ root
+        square = _apart(gram, explanations[true].mean - each.mean, root, inner)
+        shrunk = root.shape[1] - float(np.trace(np.linalg.inv(inner)))
+        lost[index] = 0.5 * (square + float(np.linalg.slogdet(inner)[1]) - shrunk)
+    weights = np.array([each.probability for each in explanations]) * np.exp(-np.maximum(lost, 0.0))
+    return np.asarray(weights / weights.sum())
+
+
 def deflection(gram: Array, mean: Array) -> float:
     """Return the norm of a foretold mean in a run, in standard deviations of its noise."""
     return math.sqrt(max(float(mean @ gram @ mean), 0.0))
@@ -71,16 +90,19 @@ def _log_volume(gram: Array, root: Array) -> float:
 
 
 def _bhattacharyya(gram: Array, one: Foretold, other: Foretold, log_volume: float) -> float:
-    """Return the distance of two predictions; `log_volume`: the mean of theirs.
+    """Return the distance of two predictions; `log_volume`: the mean of theirs."""
+    root = _root(one, other)
+    inner = np.eye(root.shape[1]) + root.T @ gram @ root
+    square = _apart(gram, one.mean - other.mean, root, inner)
+    return 0.125 * square + 0.5 * max(float(np.linalg.slogdet(inner)[1]) - log_volume, 0.0)
+
+
+def _apart(gram: Array, apart: Array, root: Array, inner: Array) -> float:
+    """Return the square of the distance of two means in units of a spread, `inner` = I + R' X' X R.
 
     A formula misses up to a quarter of a real effect's amplitude, in a few directions: what tells the means
     apart counts only as far as that leaves.
     """
-    root = _root(one, other)
-    apart = one.mean - other.mean
-    inner = np.eye(root.shape[1]) + root.T @ gram @ root
     across = root.T @ gram @ apart
-    solved = np.linalg.solve(inner, across)
-    square = max(float(apart @ gram @ apart - across @ solved), 0.0)
-    square /= 1.0 + MISFIT**2 * square / DIRECTIONS
-    return 0.125 * square + 0.5 * max(float(np.linalg.slogdet(inner)[1]) - log_volume, 0.0)
+    square = max(float(apart @ gram @ apart - across @ np.linalg.solve(inner, across)), 0.0)
+    return square / (1.0 + MISFIT**2 * square / DIRECTIONS)
