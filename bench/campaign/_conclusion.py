@@ -12,7 +12,7 @@ NO_GAP = "no gap"
 DECIDED, UNDECIDED, BUDGET = "decided", "undecided", "budget"
 _LEAST_NATS = 0.02
 """Expected information below which a run is not worth making."""
-_DOUBT_NATS = 0.1
+_DOUBT_NATS = 0.02
 """Information as expected that stands beside what a design's runs told, so that a run of little says little."""
 _CLEAR = 10.0
 """Standard deviations above the noise that a run must show of an explanation to confirm it."""

@@ -93,7 +93,5 @@ def _going_on(folder: Path) -> subprocess.Popen[bytes]:
 
 def _told(folder: Path) -> list[str]:
     """Return what a search thought and chose, a line each, without when."""
-    lines = []
-    for event in Hunt(CampaignFolder(folder)).steps:
-        lines.append(json.dumps(event.fields(), sort_keys=True))
-    return lines
+    steps = Hunt(CampaignFolder(folder)).steps
+    return [json.dumps(event.fields(), sort_keys=True) for event in steps]
