@@ -117,18 +117,15 @@ def _sooner(choices: Sequence[Choice], until: float) -> Choice | None:
 
 
 def _told(runs: Sequence[Told]) -> dict[str, float]:
-    """Return by design which part of the information expected of its runs they gave, at most all of it.
+    """Return by design which part of the information expected of its newest run that gave, at most all of it.
 
-    `runs` are in their order, and what was expected of each is less what the design had failed to tell before. A
-    run that told more than expected does so once: its repeats do not.
+    `runs` are in their order, and what was expected of each is less what the design had failed to tell before.
+    The first run may have told much: of what a repeat tells it says nothing.
     """
     told: dict[str, float] = {}
-    sums: dict[str, tuple[float, float]] = {}
     for run in runs:
-        expected, gained = sums.get(run.design, (_DOUBT_NATS, _DOUBT_NATS))
         own = run.expected / told.get(run.design, 1.0)
-        sums[run.design] = expected, gained = expected + own, gained + min(run.gained, own)
-        told[run.design] = gained / expected
+        told[run.design] = (_DOUBT_NATS + min(run.gained, own)) / (_DOUBT_NATS + own)
     return told
 
 
