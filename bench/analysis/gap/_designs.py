@@ -30,8 +30,8 @@ _SHOCK_C = -45.0
 _COLD_C, _HOT_C, _FASTEST_DPS = -40.0, 60.0, 100.0
 """How far ramps and rates go where the bench's limits allow it."""
 _USUAL_DPS = 20.0
-"""Shocks are made at no higher rate: a poll of the table that is stamped a millisecond late is 360 arcsec off at
-100 deg/s, and hours of it show as a gap."""
+"""Shocks are made at no higher rate: on the emulated bench hours at 100 deg/s, where the polled angle is coarsest
+for what the gyro resolves, showed as a gap in a unit without one."""
 _SOAKS = ((20.0, 10.0), (75.0, 30.0))
 """Minutes of soak and of reference of a shock: short and usual."""
 _SHORT_TEST = {
