@@ -136,8 +136,10 @@ class StandardTestParameters(Parameters):
 
     def rates(self) -> list[float]:
         """Return one sequence: zero, up to the largest rate and back, the same to the other side, zero."""
-        step = self.max_rate_dps / self.rates_per_sign
-        up = [step * number for number in range(1, self.rates_per_sign + 1)]
+        # the product first: the largest rate is then the one that was asked for, to the last bit
+        up = [
+            self.max_rate_dps * number / self.rates_per_sign for number in range(1, self.rates_per_sign + 1)
+        ]
         side = [*up, *up[-2::-1], 0.0]
         return [0.0, *side, *(-rate for rate in side)]
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +18,21 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from bench.analysis import gap
-from bench.analysis.gap import Choice, Design, Diagnosis, Outlook
+from bench.analysis.gap import Choice, Design, Diagnosis, Outlook, Recordings
+from bench.campaign._conclusion import (
+    BUDGET,
+    DECIDED,
+    NO_GAP,
+    UNDECIDED,
+    Conclusion,
+    Made,
+    Order,
+    Told,
+    by_information,
+    by_name,
+    conclude,
+    next_choice,
+)
 from bench.campaign._file import CampaignRun
 from bench.campaign._folder import HUNT_FILE, CampaignFolder, RunState, refuse_used
 from bench.lab.emulated import Plant
@@ -28,13 +42,29 @@ from drivers.base.errors import ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, parse_json, read_bounded, replace_file
 from drivers.kit.config import GyroConfig
 
+__all__ = [
+    "BUDGET",
+    "DECIDED",
+    "NO_GAP",
+    "UNDECIDED",
+    "Conclusion",
+    "Hunt",
+    "HuntSettings",
+    "Made",
+    "Order",
+    "Step",
+    "Told",
+    "begin_hunt",
+    "by_information",
+    "by_name",
+    "conclude",
+    "next_choice",
+    "steps_of",
+]
+
 MODEL_FILE = "nominal.toml"
-NO_GAP = "no gap"
-DECIDED, UNDECIDED, BUDGET = "decided", "undecided", "budget"
-_LEAST_NATS = 0.02
-"""Expected information below which a run is not worth making."""
-_CLEAR = 10.0
-"""Standard deviations above the noise that a run must show of an explanation to confirm it."""
+_WORTH_EQUIPMENT = 0.2
+"""Expected information from which other equipment is worth naming."""
 _MOST_INVALID = 2
 """Invalid runs of a design after which it is not chosen again."""
 
@@ -47,14 +77,6 @@ class HuntSettings(BaseModel):
     budget_h: float = Field(gt=0.0, le=10_000.0)
     until: float = Field(gt=0.5, lt=1.0)
     gyro: str | None = None
-
-
-Order = Callable[[Sequence[Choice]], Sequence[Choice]]
-
-
-def by_information(choices: Sequence[Choice]) -> list[Choice]:
-    """Return what is worth making of choices that are sorted by information an hour."""
-    return [each for each in choices if each.nats > _LEAST_NATS]
 
 
 def begin_hunt(
@@ -83,8 +105,8 @@ def begin_hunt(
             expected=f"at least {shortest:.1f} h, the shortest run that this bench can make",
             remedy="a larger --budget-h, or wider [limits]",
         )
-    start = gap.outlook(None, nominal, [], designs)
-    first = order(start.choices(settings.budget_h))[0]
+    start = conclude([], nominal, designs, settings.until)
+    first = order(start.outlook.choices(settings.budget_h))[0]
     run = _run_of(first.design, 1)
     title = f"search for what {nominal.name} lacks in {gyro.unit}"
     with tempfile.TemporaryDirectory() as place:
@@ -94,8 +116,8 @@ def begin_hunt(
     replace_file(path / MODEL_FILE, model_file.read_bytes())
     replace_file(path / HUNT_FILE, settings.model_dump_json())
     hunt = Hunt(folder, order)
-    hunt.note(start, "not begun")
-    hunt.choose(first, run, len(start.designs), to_confirm=False)
+    hunt.note(start)
+    hunt.choose(first, run, len(start.outlook.designs), to_confirm=False)
     return hunt
 
 
@@ -126,6 +148,7 @@ class Hunt:
         self.diagnosis: Diagnosis | None = None
         """What the newest look at the runs found."""
         self.outlook: Outlook | None = None
+        self._read: dict[Path, Recordings] = {}
 
     @cached_property
     def designs(self) -> list[Design]:
@@ -148,37 +171,42 @@ class Hunt:
             return None
         done = [state for state in self.folder.states() if state.state == "done"]
         good = [state for state in done if state.outcome == "completed"]
-        now = self.outlook = self._look(good)
+        now = conclude(self._made(good), self.model, self.designs, self.settings.until)
+        self.diagnosis, self.outlook = now.diagnosis, now.outlook
         left_h = self.settings.budget_h - sum(state.duration_s or 0.0 for state in done) / 3600.0
-        acts, probability = _leading(now.probabilities)
-        choice, confirmed, ended = None, None, ""
-        if probability >= self.settings.until:
-            choice, confirmed = self._to_confirm(now, acts, good, left_h)
-            ended = DECIDED if confirmed or choice is None else ""
-        else:
-            fitting = [each for each in now.choices(left_h) if _usable(each.design, done)]
-            choice = next(iter(self._order(fitting)), None)
-            ended = "" if choice else UNDECIDED if fitting else BUDGET
-        self.note(now, self.diagnosis.verdict if self.diagnosis else "nothing recorded", confirmed, ended)
-        if ended or choice is None:
+        choice, ended = next_choice(
+            now, left_h, self._order, lambda design: _usable(design, done), self._history(now, good)
+        )
+        self.note(now, ended)
+        if choice is None:
             return None
         run = _run_of(choice.design, len(self.folder.campaign.runs) + 1)
-        self.choose(choice, run, len(now.designs), to_confirm=confirmed is False)
+        self.choose(choice, run, len(now.outlook.designs), to_confirm=now.confirmed is False)
         return run
 
-    def note(self, now: Outlook, verdict: str, confirmed: bool | None = None, ended: str = "") -> None:
+    def note(self, now: Conclusion, ended: str = "") -> None:
         """Write to the journal where the search stands, once after each run."""
         states = [state for state in self.folder.states() if state.state == "done"]
         before = [each for each in self.steps if isinstance(each, Sought)]
         after = [state.run.name for state in states]
         if before and before[-1].after == after:
             return  # a process that was stopped came as far
-        probabilities = _by_name(now.probabilities)
-        acts, probability = _leading(now.probabilities)
+        probabilities = by_name(now.outlook.probabilities)
         gained = gap.information_gained(before[-1].probabilities, probabilities) if before else None
         used_h = sum(state.duration_s or 0.0 for state in states) / 3600.0
+        verdict = now.verdict if states else "not begun"
         self.folder.event(
-            Sought(after, verdict, acts, probability, probabilities, used_h, gained, confirmed, ended)
+            Sought(
+                after,
+                verdict,
+                now.acts,
+                now.probability,
+                probabilities,
+                used_h,
+                gained,
+                now.confirmed,
+                ended,
+            )
         )
 
     def choose(self, choice: Choice, run: CampaignRun, considered: int, *, to_confirm: bool) -> None:
@@ -195,35 +223,37 @@ class Hunt:
         if self.outlook is None:
             return []
         others = gap.other_equipment(self.folder.file.bench.latitude_deg)
-        return [text for text, design in others if self.outlook.information(design) > 10.0 * _LEAST_NATS]
+        return [text for text, design in others if self.outlook.information(design) > _WORTH_EQUIPMENT]
 
-    def _look(self, good: Sequence[RunState]) -> Outlook:
-        folders = [state.folder for state in good if state.folder is not None]
-        if not folders:
-            return gap.outlook(None, self.model, [], self.designs)
-        given = gap.read_recordings(folders, gyro=self.gyro.name)
-        self.diagnosis = found = gap.diagnose(given.runs, self.model, missing=given.missing)
-        return gap.outlook(found.rate, self.model, given.shown, self.designs)
+    def _made(self, good: Sequence[RunState]) -> list[Made]:
+        """Return what was recorded, each folder read once."""
+        made = []
+        for state in good:
+            if state.folder is None:
+                continue
+            if state.folder not in self._read:
+                self._read[state.folder] = gap.read_recordings([state.folder], gyro=self.gyro.name)
+            key = gap.key_of(state.run.procedure, state.run.parameters)
+            made.append(Made(key, self._read[state.folder]))
+        return made
 
-    def _to_confirm(
-        self, now: Outlook, acts: str, good: Sequence[RunState], left_h: float
-    ) -> tuple[Choice | None, bool]:
-        """Return the run that would confirm what acts, and whether the newest run has confirmed it already."""
-        if acts == NO_GAP:
-            return None, True
-        leading = now.leading
-        missing = leading.label
-        if len(good) > 1:
-            folders = [state.folder for state in good if state.folder is not None]
-            given = gap.read_recordings(folders[:-1], folders[-1:], self.gyro.name)
-            before = gap.diagnose(given.runs, self.model, given.held_out).rate
-            names = frozenset(cause.name for cause in before.causes)
-            names |= {gap.UNKNOWN} if before.unknown_probability > 0.5 else set()
-            held = [each for each in before.held_out if each.cells]
-            if names == leading.label and (gap.UNKNOWN in names or any(each.low > 0.5 for each in held)):
-                return None, True
-            missing = (leading.label - names) or leading.label
-        return now.showing(missing, left_h, _CLEAR), False
+    def _history(self, now: Conclusion, good: Sequence[RunState]) -> list[Told]:
+        """Return what the runs told of what was expected, the newest by where the search stands now."""
+        names = {state.run.name: state.run for state in good}
+        history = []
+        for step in steps_of(self):
+            if (run := names.get(step.chosen.run)) is None:
+                continue
+            gained = step.after.gained_nats if step.after is not None else self._gained(now)
+            key = gap.key_of(run.procedure, run.parameters)
+            history.append(Told(key, step.chosen.expected_nats, gained or 0.0))
+        return history
+
+    def _gained(self, now: Conclusion) -> float | None:
+        """Return how far the newest run has moved the probabilities; None before the first."""
+        before = [each for each in self.steps if isinstance(each, Sought)]
+        probabilities = by_name(now.outlook.probabilities)
+        return gap.information_gained(before[-1].probabilities, probabilities) if before else None
 
 
 @dataclass(frozen=True)
@@ -253,14 +283,6 @@ def _usable(design: Design, done: Sequence[RunState]) -> bool:
 def _run_of(design: Design, number: int) -> CampaignRun:
     name = f"{number:02d}-{design.procedure}"
     return CampaignRun(name=name, procedure=design.procedure, parameters=dict(design.settings))
-
-
-def _by_name(probabilities: Mapping[frozenset[str], float]) -> dict[str, float]:
-    return {" + ".join(sorted(label)) or NO_GAP: value for label, value in probabilities.items()}
-
-
-def _leading(probabilities: Mapping[frozenset[str], float]) -> tuple[str, float]:
-    return max(_by_name(probabilities).items(), key=lambda each: each[1])
 
 
 def _gyro_of(file: BenchFile, name: str | None) -> GyroConfig:

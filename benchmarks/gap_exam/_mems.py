@@ -37,7 +37,7 @@ TUMBLES = (
     (180, 0),
     (0, 0),
 )
-_THERMAL_STEP_S = 2.0
+THERMAL_STEP_S = 2.0
 _NODES = (12, 8)
 _JITTER = 0.03
 
@@ -88,7 +88,7 @@ def campaign(unit: Unit) -> list[Stage]:
     for profile in PROFILES:
         numbers = [number for number, plan in enumerate(plans) if plan[0] is profile]
         rngs = [drawn(unit.seed, "run", number) for number in numbers]
-        bodies = _heat(np.stack([_air(profile, rng) for rng in rngs]), unit)
+        bodies = heat(np.stack([_air(profile, rng) for rng in rngs]), unit)
         for row, number in enumerate(numbers):
             own = {name: values[row] for name, values in bodies.items()}
             stages[number] = _stage(profile, plans[number][1], plans[number][2], number, own, rngs[row])
@@ -98,9 +98,9 @@ def campaign(unit: Unit) -> list[Stage]:
 def _air(profile: _Profile, rng: np.random.Generator) -> Array:
     """Return the chamber's air: a controller of second order, on and off by 0.3 K while it cools."""
     times, points = np.array(profile.set_points, dtype=np.float64).T
-    now = np.arange(0.0, profile.duration_s + _THERMAL_STEP_S, _THERMAL_STEP_S)
+    now = np.arange(0.0, profile.duration_s + THERMAL_STEP_S, THERMAL_STEP_S)
     late = np.interp(now - rng.normal(0.0, 12.0), times, points + rng.normal(0.0, 0.5, len(points)))
-    w, z = 2.0 * math.pi / 260.0 * _THERMAL_STEP_S, 0.75
+    w, z = 2.0 * math.pi / 260.0 * THERMAL_STEP_S, 0.75
     pole = math.exp(-z * w)
     middle = 2.0 * pole * math.cos(w * math.sqrt(1.0 - z * z))
     response, _ = lfilter(
@@ -108,13 +108,13 @@ def _air(profile: _Profile, rng: np.random.Generator) -> Array:
     )
     switching = 0.15 * np.sign(np.sin(2.0 * math.pi * now / 140.0 + rng.uniform(0.0, 6.0)))
     cooling = np.gradient(late) < -1e-3
-    return np.asarray(late[0] + response + follow(switching * cooling, 30.0, _THERMAL_STEP_S))
+    return np.asarray(late[0] + response + follow(switching * cooling, 30.0, THERMAL_STEP_S))
 
 
-def _heat(air: Array, unit: Unit) -> dict[str, Array]:
+def heat(air: Array, unit: Unit) -> dict[str, Array]:
     """Return temperatures (runs, k) of die, frame, lid and fixture from explicit finite differences."""
     across, down = _NODES
-    step, spread = _THERMAL_STEP_S, unit.draw
+    step, spread = THERMAL_STEP_S, unit.draw
     mix = step * 1.1e-6 * (0.8 + 0.4 * spread["c1"]) / 0.005**2
     loss = step * 3.2e-3 * (0.8 + 0.4 * spread["c2"])
     to_fixture, fixture_s = step * 4.0e-3, 900.0
@@ -158,7 +158,7 @@ def _stage(
 ) -> Stage:
     steps = round(profile.duration_s / profile.step_s)
     middle = (np.arange(steps) + 0.5) * profile.step_s
-    grid = np.arange(len(bodies["air"])) * _THERMAL_STEP_S
+    grid = np.arange(len(bodies["air"])) * THERMAL_STEP_S
     lifted = {name: np.interp(middle, grid, values) for name, values in bodies.items()}
     angle, elevation, moving = _table(condition, steps, profile.step_s, rng)
     edges = np.arange(0.0, profile.duration_s + 1e-9, profile.row_s)

@@ -36,7 +36,7 @@ SLOW_STEP_S = 150.0
 POSITION_S, MOVE_S = 110.0, 8.0
 _HEADINGS = ((0, 0), (45, 0), (90, 0), (135, 0), (180, 0), (225, 0), (270, 0), (315, 0))
 POSITIONS = (*_HEADINGS, (0, 90), (0, -90), (90, 90), (90, -90), (180, 0), (0, 0), (270, 0), (90, 0))
-_THERMAL_STEP_S = 2.0
+THERMAL_STEP_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def campaign(unit: Unit) -> list[Stage]:
     for profile in PROFILES:
         numbers = [number for number, plan in enumerate(plans) if plan[0] is profile]
         rngs = [drawn(unit.seed, "run", number) for number in numbers]
-        bodies = _heat(np.stack([_air(profile, rng) for rng in rngs]), unit, rngs)
+        bodies = heat(np.stack([_air(profile, rng) for rng in rngs]), unit, rngs)
         for row, number in enumerate(numbers):
             own = {name: values[row] for name, values in bodies.items()}
             stages[number] = _stage(profile, plans[number][1], plans[number][2], number, own, rngs[row])
@@ -107,15 +107,15 @@ def campaign(unit: Unit) -> list[Stage]:
 def _air(profile: _Profile, rng: np.random.Generator) -> Array:
     """Return the chamber's air on the thermal grid: it comes late, overshoots and wanders a little."""
     times, points = np.array(profile.set_points, dtype=np.float64).T
-    now = np.arange(0.0, profile.duration_s + _THERMAL_STEP_S, _THERMAL_STEP_S)
+    now = np.arange(0.0, profile.duration_s + THERMAL_STEP_S, THERMAL_STEP_S)
     wanted = np.interp(now - rng.normal(0.0, 8.0), times, points + rng.normal(0.0, 0.3))
-    late = follow(wanted, 35.0, _THERMAL_STEP_S)
+    late = follow(wanted, 35.0, THERMAL_STEP_S)
     return np.asarray(
-        late + 0.05 * (wanted - late) + markov(0.06, 80.0, np.full(len(now), _THERMAL_STEP_S), rng)
+        late + 0.05 * (wanted - late) + markov(0.06, 80.0, np.full(len(now), THERMAL_STEP_S), rng)
     )
 
 
-def _heat(air: Array, unit: Unit, rngs: list[np.random.Generator]) -> dict[str, Array]:
+def heat(air: Array, unit: Unit, rngs: list[np.random.Generator]) -> dict[str, Array]:
     """Return temperatures (runs, k) of case, block and board, degC, from the air's."""
     spread = unit.draw
     case_j, block_j, board_j = 420.0 * (0.85 + 0.3 * spread["c1"]), 620.0 * (0.85 + 0.3 * spread["c2"]), 110.0
@@ -132,9 +132,9 @@ def _heat(air: Array, unit: Unit, rngs: list[np.random.Generator]) -> dict[str, 
         over_w = to_block * (case - block) + _radiated(case, block, 0.02)
         off_w = 0.45 * (board - case)
         across_w = 0.12 * (board - block)
-        case = case + _THERMAL_STEP_S / case_j * (in_w - over_w + off_w)
-        block = block + _THERMAL_STEP_S / block_j * (over_w + across_w)
-        board = board + _THERMAL_STEP_S / board_j * (board_w - off_w - across_w)
+        case = case + THERMAL_STEP_S / case_j * (in_w - over_w + off_w)
+        block = block + THERMAL_STEP_S / block_j * (over_w + across_w)
+        board = board + THERMAL_STEP_S / board_j * (board_w - off_w - across_w)
     return {name: values - ZERO_CELSIUS_K for name, values in result.items()} | {"air": air}
 
 
@@ -152,7 +152,7 @@ def _stage(
 ) -> Stage:
     steps = round(profile.duration_s / profile.step_s)
     middle = (np.arange(steps) + 0.5) * profile.step_s
-    grid = np.arange(len(bodies["air"])) * _THERMAL_STEP_S
+    grid = np.arange(len(bodies["air"])) * THERMAL_STEP_S
     lifted = {name: np.interp(middle, grid, values) for name, values in bodies.items()}
     angle, elevation, moving = _table(profile, condition, steps, rng)
     edges = np.arange(0.0, profile.duration_s + 1e-9, profile.row_s)

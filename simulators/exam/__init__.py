@@ -1,6 +1,6 @@
 """Plants for examining the diagnosis: physics that is not the catalogue's, drawn by seed."""
 
-from simulators.exam._campaign import LATITUDE_DEG, RunTruth, simulate_campaign
+from simulators.exam._campaign import LATITUDE_DEG, RunTruth, heat_flow, simulate_campaign
 from simulators.exam._case import (
     KINDS,
     SF_SIGMA_PPM,
@@ -25,6 +25,7 @@ __all__ = [
     "ExamCase",
     "RunTruth",
     "draw_case",
+    "heat_flow",
     "outputs_dph",
     "read_temperature",
     "signal_dph",

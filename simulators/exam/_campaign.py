@@ -106,7 +106,7 @@ def simulate_campaign(seed: int, repeats: int) -> list[RunTruth]:
     for profile in PROFILES:
         plans = [(condition, k) for condition in profile.conditions for k in range(repeats)]
         air = np.stack([_air(profile, rng) for _ in plans])
-        outputs = _heat_flow(air)
+        outputs = heat_flow(air)
         for (condition, repeat), own_air, out in zip(plans, air, outputs, strict=True):
             result.append(_truth(profile, condition, repeat, own_air, out, rng))
     return result
@@ -126,7 +126,7 @@ def _air(profile: Profile, rng: np.random.Generator) -> Array:
     return np.asarray(lagged + 0.05 * slow)
 
 
-def _heat_flow(air: Array) -> Array:
+def heat_flow(air: Array) -> Array:
     """Return outputs (runs, n, 4 + layers) for air (runs, n): T_in, T_out, board, layers, Shupe rotation."""
     matrix, states = _plant()
     runs, n = air.shape

@@ -278,3 +278,11 @@ def test_presets_and_what_is_given():
     demands = PROCEDURE.demands(fog)
     assert (demands.max_rate_dps, demands.min_temp_c, demands.max_temp_c) == (20.0, -40.0, 60.0)
     assert PROCEDURE.expected_duration_s(fog) > 3600 * 15
+
+
+@pytest.mark.parametrize(("most_dps", "per_sign"), [(100.0, 11), (20.0, 7), (0.3, 3)])
+def test_the_largest_rate_is_the_one_asked_for_to_the_last_bit(most_dps, per_sign):
+    """Eleven steps of an eleventh are 1e-14 more, which a bench with that limit refuses in mid-test."""
+    rates = StandardTestParameters(max_rate_dps=most_dps, rates_per_sign=per_sign).rates()
+    assert max(rates) == most_dps and min(rates) == -most_dps
+    assert len(rates) == 4 * per_sign + 1

@@ -3,7 +3,7 @@
 from bench.analysis.gap._batch import Batch, BatchEffect, diagnose_batch
 from bench.analysis.gap._channels import ChannelFinding
 from bench.analysis.gap._describe import UnknownPart
-from bench.analysis.gap._designs import Design, designs_for, other_equipment
+from bench.analysis.gap._designs import Design, designs_for, key_of, other_equipment
 from bench.analysis.gap._diagnose import Diagnosis, closed_model, diagnose
 from bench.analysis.gap._exam_folder import hold_exam, read_exam
 from bench.analysis.gap._facts import batch_facts, diagnosis_facts, identifiable_facts, log_gap_facts
@@ -68,6 +68,7 @@ __all__ = [
     "identifiable",
     "identifiable_facts",
     "information_gained",
+    "key_of",
     "log_gap_facts",
     "log_gaps",
     "model_text",

@@ -5,6 +5,7 @@ The stimulus is foretold, not recorded: a chamber that keeps its demanded ramp a
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -26,6 +27,13 @@ _STEP_DPS = 0.1
 """Change of the rate from one second to the next that is a step, no ripple of the table."""
 _SHOCK_K_PER_MIN = 12.0
 _SHOCK_C = -45.0
+_COLD_C, _HOT_C, _FASTEST_DPS = -40.0, 60.0, 100.0
+"""How far ramps and rates go where the bench's limits allow it."""
+_USUAL_DPS = 20.0
+"""Shocks are made at no higher rate: on the emulated bench hours at 100 deg/s, where the polled angle is coarsest
+for what the gyro resolves, showed as a gap in a unit without one."""
+_SOAKS = ((20.0, 10.0), (75.0, 30.0))
+"""Minutes of soak and of reference of a shock: short and usual."""
 _SHORT_TEST = {
     "temperatures": False,
     "noise_h": 0.5,
@@ -55,6 +63,11 @@ class Design:
     """Stretches by condition, as `bench.analysis.gap` reads them from a run folder."""
 
     @cached_property
+    def key(self) -> str:
+        """Procedure and settings: what makes it another run."""
+        return key_of(self.procedure, self.settings)
+
+    @cached_property
     def test(self) -> Procedure:
         """The procedure itself."""
         return find_procedure(self.procedure)
@@ -72,13 +85,18 @@ class Design:
         ]
 
 
-def usual_designs(latitude_deg: float) -> list[Design]:
-    """Return the bench's procedures with their usual parameters."""
+def key_of(procedure: str, settings: Mapping[str, object]) -> str:
+    """Return the key of a design by its procedure and those settings that are not at their defaults."""
+    return json.dumps([procedure, dict(settings)], sort_keys=True)
+
+
+def usual_designs(latitude_deg: float, axis: str = "x") -> list[Design]:
+    """Return the bench's procedures with their usual parameters; `axis`: the one under test."""
     return [
         _zero_bias(latitude_deg, soak_min=75.0, hold_min=30.0),
         _scale_factor(latitude_deg, rate_dps=20.0, soak_min=75.0, hold_min=30.0),
         _ramp(latitude_deg, -40.0, 60.0, 1.0 / 3.0, dwell_min=30.0),
-        _rotation(latitude_deg, 20.0, hours=2.0, reversals=0, axis="x"),
+        _rotation(latitude_deg, 20.0, hours=2.0, reversals=0, axis=axis),
         _rates(latitude_deg, 100.0, per_sign=11),
     ]
 
@@ -88,24 +106,24 @@ def designs_for(file: BenchFile, axis: Literal["x", "y", "z"] | None = None) -> 
 
     `axis`: the gyro's axis under test (default: the first gyro's). Depths, ramps, soaks, rates and lengths vary.
     """
-    latitude, axis = file.bench.latitude_deg, axis or file.gyro[0].axis
+    latitude, axis, limits = file.bench.latitude_deg, axis or file.gyro[0].axis, file.limits
+    fastest = min(_FASTEST_DPS, limits.max_rate_dps)
+    rates = sorted({min(_USUAL_DPS, fastest), fastest})
+    low_c, high_c = max(_COLD_C, limits.min_temp_c), min(_HOT_C, limits.max_temp_c)
     grid = (
-        *(_zero_bias(latitude, soak, hold) for soak, hold in ((20.0, 10.0), (75.0, 30.0))),
-        *(
-            _scale_factor(latitude, rate, soak, hold)
-            for rate, (soak, hold) in product((5.0, 20.0), ((20.0, 10.0), (75.0, 30.0)))
-        ),
-        *(
-            _ramp(latitude, low, high, rate, dwell_min=10.0)
-            for (low, high), rate in product(((-20.0, 50.0), (-40.0, 60.0)), (1.0 / 3.0, 1.0))
-        ),
+        *usual_designs(latitude, str(axis)),
+        *(_zero_bias(latitude, soak, hold) for soak, hold in _SOAKS),
+        *(_scale_factor(latitude, rates[0], soak, hold) for soak, hold in _SOAKS),
+        *(_ramp(latitude, low_c, high_c, rate, dwell_min=10.0, short=True) for rate in (1.0 / 3.0, 1.0, 3.0)),
         *(
             _rotation(latitude, rate, hours, reversals, str(axis))
-            for rate, hours, reversals in product((2.0, 6.0, 20.0), (0.5, 2.0), (0, 3))
+            for rate, hours, reversals in product((2.0, _USUAL_DPS), (0.5, 2.0), (0, 3))
         ),
-        *(_rates(latitude, most, per_sign=6) for most in (20.0, 100.0)),
+        *(_rates(latitude, most, per_sign=6) for most in rates),
+        _rates(latitude, fastest, per_sign=3, sequences=1),
     )
-    return [each for each in grid if not any(beyond_limits(_demands(each), file))]
+    own = {each.key: each for each in grid}
+    return [each for each in own.values() if not any(beyond_limits(_demands(each), file))]
 
 
 def other_equipment(latitude_deg: float) -> list[tuple[str, Design]]:
@@ -152,18 +170,38 @@ def _scale_factor(latitude_deg: float, rate_dps: float, soak_min: float, hold_mi
     return Design("scale-factor-cold-shock", settings, text, stimuli)
 
 
-def _ramp(latitude_deg: float, low_c: float, high_c: float, k_per_min: float, dwell_min: float) -> Design:
-    down, up = (REFERENCE_C - low_c) / 1.0, (high_c - low_c) / k_per_min
-    legs = [(60.0, REFERENCE_C), (down, low_c), (dwell_min, low_c), (up, high_c), (dwell_min, high_c)]
+def _ramp(
+    latitude_deg: float,
+    low_c: float,
+    high_c: float,
+    k_per_min: float,
+    dwell_min: float,
+    *,
+    short: bool = False,
+) -> Design:
+    """Return a ramp; a short one begins soon after power-on and does not look for east.
+
+    A wrong azimuth lets in a constant part of the Earth's rate, which no diagnosis takes for an effect.
+    """
+    down, up = (REFERENCE_C - low_c) / 3.0, (high_c - low_c) / k_per_min
+    legs = [
+        (10.0 if short else 60.0, REFERENCE_C),
+        (down, low_c),
+        (dwell_min, low_c),
+        (up, high_c),
+        (dwell_min, high_c),
+    ]
     stimulus = _stimulus(latitude_deg, legs, elevation_deg=0.0, angle_deg=90.0)
-    settings = {
+    settings: dict[str, object] = {
         "low_c": low_c,
         "high_c": high_c,
         "ramp_k_per_min": k_per_min,
         "dwell_min": dwell_min,
         "both_directions": False,
     }
-    text = f"{low_c:g} to {high_c:g} degC at {k_per_min:.2g} K/min"
+    if short:
+        settings |= {"warm_up_min": 10.0, "search_east": False}
+    text = f"{low_c:g} to {high_c:g} degC at {k_per_min:.2g} K/min{', at once' if short else ''}"
     return Design("thermal-ramp", settings, text, {"90 deg": stimulus})
 
 
@@ -177,12 +215,17 @@ def _rotation(latitude_deg: float, rate_dps: float, hours: float, reversals: int
     return Design("constant-rotation", settings, text, {f"{rate_dps:+g}": stimulus})
 
 
-def _rates(latitude_deg: float, most_dps: float, per_sign: int) -> Design:
+def _rates(latitude_deg: float, most_dps: float, per_sign: int, sequences: int = 2) -> Design:
     sizes = [most_dps * share for share in np.linspace(1.0 / per_sign, 1.0, per_sign).tolist()]
-    rates = [0.0, *(sign * size for size in sizes for sign in (1.0, -1.0))]
-    stimulus = _turning(latitude_deg, rates, 240)
-    settings = _SHORT_TEST | {"max_rate_dps": most_dps, "rates_per_sign": per_sign}
-    text = f"rates up to {most_dps:g} deg/s, room temperature only"
+    side = [*sizes, *sizes[-2::-1], 0.0]
+    rates = [0.0, *side, *(-size for size in side)] * sequences
+    stimulus = _turning(latitude_deg, rates, 60)
+    settings = _SHORT_TEST | {
+        "max_rate_dps": most_dps,
+        "rates_per_sign": per_sign,
+        "sequences": sequences,
+    }
+    text = f"{per_sign} rates of each sign up to {most_dps:g} deg/s, room temperature only"
     return Design("standard-test", settings, text, {"rates": stimulus})
 
 

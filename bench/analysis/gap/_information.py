@@ -38,15 +38,35 @@ def expected_information(gram: Array, explanations: Sequence[Foretold]) -> float
     weights = np.array([each.probability for each in explanations])
     weights = weights / weights.sum()
     count = len(explanations)
-    log_volumes = [_log_volume(gram, _root(each)) for each in explanations]
+    roots = [_root(each) for each in explanations]
+    log_volumes = [_log_volume(gram, root) for root in roots]
     near = np.eye(count)
     for i in range(count):
         for j in range(i):
-            distance = _bhattacharyya(
-                gram, explanations[i], explanations[j], 0.5 * (log_volumes[i] + log_volumes[j])
-            )
+            root = np.concatenate((roots[i], roots[j]), axis=1) / math.sqrt(2.0)
+            apart = explanations[i].mean - explanations[j].mean
+            distance = _bhattacharyya(gram, apart, root, 0.5 * (log_volumes[i] + log_volumes[j]))
             near[i, j] = near[j, i] = math.exp(-distance)
     return float(-(weights @ np.log(near @ weights)))
+
+
+def expected_if(gram: Array, explanations: Sequence[Foretold], true: int) -> Array:
+    """Return the probabilities (m,) of explanations that a run is expected to leave if one of them is true.
+
+    Each loses the mean log odds that the run gives against it: the Kullback-Leibler divergence of the true one's
+    prediction, at its fitted size, from its own.
+    """
+    lost = np.zeros(len(explanations))
+    for index, each in enumerate(explanations):
+        if index == true:
+            continue
+        root = _root(each)
+        inner = np.eye(root.shape[1]) + root.T @ gram @ root
+        square = _apart(gram, explanations[true].mean - each.mean, root, inner)
+        shrunk = root.shape[1] - float(np.trace(np.linalg.inv(inner)))
+        lost[index] = 0.5 * (square + float(np.linalg.slogdet(inner)[1]) - shrunk)
+    weights = np.array([each.probability for each in explanations]) * np.exp(-np.maximum(lost, 0.0))
+    return np.asarray(weights / weights.sum())
 
 
 def deflection(gram: Array, mean: Array) -> float:
@@ -54,14 +74,12 @@ def deflection(gram: Array, mean: Array) -> float:
     return math.sqrt(max(float(mean @ gram @ mean), 0.0))
 
 
-def _root(*explanations: Foretold) -> Array:
-    """Return a root (p, k) of the mean covariance of explanations' coefficients."""
-    parts = []
-    for each in explanations:
-        part = np.zeros((len(each.mean), len(each.spread)))
-        part[each.spread, np.arange(len(each.spread))] = each.sigmas[each.spread]
-        parts.append(part)
-    return np.concatenate(parts, axis=1) / math.sqrt(len(explanations))
+def _root(explanation: Foretold) -> Array:
+    """Return a root (p, k) of the covariance of an explanation's coefficients."""
+    spread = explanation.spread
+    root = np.zeros((len(explanation.mean), len(spread)))
+    root[spread, np.arange(len(spread))] = explanation.sigmas[spread]
+    return root
 
 
 def _log_volume(gram: Array, root: Array) -> float:
@@ -70,17 +88,22 @@ def _log_volume(gram: Array, root: Array) -> float:
     return float(np.linalg.slogdet(inner)[1])
 
 
-def _bhattacharyya(gram: Array, one: Foretold, other: Foretold, log_volume: float) -> float:
-    """Return the distance of two predictions; `log_volume`: the mean of theirs.
+def _bhattacharyya(gram: Array, apart: Array, root: Array, log_volume: float) -> float:
+    """Return the distance of two predictions whose means are `apart`.
+
+    `root`: of the mean of their covariances; `log_volume`: the mean of theirs.
+    """
+    inner = np.eye(root.shape[1]) + root.T @ gram @ root
+    square = _apart(gram, apart, root, inner)
+    return 0.125 * square + 0.5 * max(float(np.linalg.slogdet(inner)[1]) - log_volume, 0.0)
+
+
+def _apart(gram: Array, apart: Array, root: Array, inner: Array) -> float:
+    """Return the square of the distance of two means in units of a spread, `inner` = I + R' X' X R.
 
     A formula misses up to a quarter of a real effect's amplitude, in a few directions: what tells the means
     apart counts only as far as that leaves.
     """
-    root = _root(one, other)
-    apart = one.mean - other.mean
-    inner = np.eye(root.shape[1]) + root.T @ gram @ root
     across = root.T @ gram @ apart
-    solved = np.linalg.solve(inner, across)
-    square = max(float(apart @ gram @ apart - across @ solved), 0.0)
-    square /= 1.0 + MISFIT**2 * square / DIRECTIONS
-    return 0.125 * square + 0.5 * max(float(np.linalg.slogdet(inner)[1]) - log_volume, 0.0)
+    square = max(float(apart @ gram @ apart - across @ np.linalg.solve(inner, across)), 0.0)
+    return square / (1.0 + MISFIT**2 * square / DIRECTIONS)

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
+from types import MappingProxyType
 
 import numpy as np
 
@@ -21,7 +22,8 @@ from bench.analysis.gap._data import GapRun, group_runs
 from bench.analysis.gap._designs import Design
 from bench.analysis.gap._evidence import reduced
 from bench.analysis.gap._fit import weighted_gram
-from bench.analysis.gap._information import Foretold, deflection, expected_information
+from bench.analysis.gap._heat import Heat, heat_of
+from bench.analysis.gap._information import Foretold, deflection, expected_if, expected_information
 from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._prepare import stack_of
 from bench.analysis.gap._rate import RateFinding
@@ -40,6 +42,8 @@ _DOUBTED = 0.1
 _LEAST = 1e-3
 """Probability below which an explanation is left out."""
 
+NOTHING_MADE: Mapping[str, Sequence[GapRun]] = MappingProxyType({})
+
 Label = frozenset[str]
 """Names of the effects that act; empty: no gap."""
 
@@ -56,10 +60,14 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Choice:
-    """A run that could be made next, with the information expected of it, in nats."""
+    """A run that could be made next, with the information expected of it, in nats.
+
+    `if_true`: the probability that what acts most probably will have after it, if it is what acts.
+    """
 
     design: Design
     nats: float
+    if_true: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +85,8 @@ class Outlook:
     energies: Mapping[str, float]
     _columns: _Columns = field(repr=False)
     _sigmas: Mapping[str, Array] = field(repr=False)
+    _made: Mapping[str, Sequence[GapRun]] = field(repr=False, default_factory=dict)
+    _heat: Heat | None = None
 
     @property
     def leading(self) -> Explanation:
@@ -93,28 +103,56 @@ class Outlook:
 
     def choices(self, most_h: float = math.inf) -> list[Choice]:
         """Return the designs that last at most so long, by expected information an hour."""
-        fitting = [each for each in self.designs if each.hours <= most_h]
-        made = [Choice(each, self.information(each)) for each in fitting]
+        made = [self._choice(each) for each in self.designs if each.hours <= most_h]
         return sorted(made, key=lambda each: -each.nats / each.design.hours)
 
     def information(self, design: Design) -> float:
         """Return the information expected of a run, in nats."""
-        columns = self._columns.with_terms(self.explanations)
-        gram = columns.gram(design.runs())
-        return expected_information(gram, [self._foretold(each, columns) for each in self.explanations])
+        return self._choice(design).nats
+
+    @cached_property
+    def _all_columns(self) -> _Columns:
+        """The effects' columns with those of all terms of the explanations."""
+        return self._columns.with_terms(self.explanations)
+
+    @cached_property
+    def _predictions(self) -> list[Foretold]:
+        return [self._foretold(each, self._all_columns) for each in self.explanations]
+
+    def _choice(self, design: Design) -> Choice:
+        gram = self._all_columns.gram(self._foreseen(design))
+        leading = self.leading
+        after = expected_if(gram, self._predictions, self.explanations.index(leading))
+        same = [each.label == leading.label for each in self.explanations]
+        return Choice(design, expected_information(gram, self._predictions), float(after[same].sum()))
 
     def showing(self, names: Label, most_h: float, least: float) -> Choice | None:
-        """Return the shortest run in which some leading effects stand so far above the noise, if there is one."""
-        columns = self._columns.with_terms(self.explanations)
+        """Return the shortest run in which some leading effects stand so far above the noise, if there is one.
+
+        A run of another kind than those made comes before one of the same: a wrong form that was fitted to a run
+        fits its repeat as well.
+        """
+        columns = self._all_columns
         terms = [term for term in self.leading.terms if term.name in names] or list(self.leading.terms)
         explanation = Explanation(names, 1.0, tuple(terms))
-        for design in sorted(self.designs, key=lambda each: each.hours):
+        for design in sorted(self.designs, key=lambda each: (each.key in self._made, each.hours)):
             if design.hours > most_h:
-                return None
+                continue
             mean = self._foretold(explanation, columns).mean
-            if deflection(columns.gram(design.runs()), mean) >= least:
+            if deflection(columns.gram(self._foreseen(design)), mean) >= least:
                 return Choice(design, self.information(design))
         return None
+
+    def _foreseen(self, design: Design) -> Sequence[GapRun]:
+        """Return what would act on the gyro: of a run that was made what was recorded, else what is foretold.
+
+        Explanations that are fitted to a record agree on it. They do not agree on a stimulus that differs from it
+        by what the foretelling of heat is off, and the same run would seem to tell them apart again and again.
+        """
+        recorded = self._made.get(design.key)
+        if recorded or self._heat is None:
+            return recorded or design.runs()
+        return [self._heat.on(run) for run in design.runs()]
 
     def _foretold(self, explanation: Explanation, columns: _Columns) -> Foretold:
         mean, sigmas = np.zeros(columns.count), np.zeros(columns.count)
@@ -128,13 +166,22 @@ class Outlook:
 
 
 def outlook(
-    finding: RateFinding | None, model: Model, recorded: Sequence[GapRun], designs: Sequence[Design]
+    finding: RateFinding | None,
+    model: Model,
+    recorded: Sequence[GapRun],
+    designs: Sequence[Design],
+    made: Mapping[str, Sequence[GapRun]] = NOTHING_MADE,
 ) -> Outlook:
-    """Return where a search stands: `finding` is that of the `recorded` runs, None before the first."""
+    """Return where a search stands: `finding` is that of the `recorded` runs, None before the first.
+
+    `made`: the stretches of the newest run of a design by its key.
+    """
     fitted = model if finding is None else finding.nominal
     effects = effects_beside(model)
-    columns = _Columns(fitted, {name: _usual(effect) for name, effect in effects.items()})
-    energies = np.array([np.diag(columns.gram(design.runs())) for design in designs])
+    columns = _Columns(fitted, {name: usual_variant(effect) for name, effect in effects.items()})
+    heat = heat_of(recorded)
+    foretold = [[run if heat is None else heat.on(run) for run in design.runs()] for design in designs]
+    energies = np.array([np.diag(columns.gram(runs)) for runs in foretold])
     best = energies.max(axis=0, initial=0.0)
     seen = np.diag(columns.gram(recorded)) if recorded else np.zeros(columns.count)
     named = _named(finding)
@@ -163,7 +210,7 @@ def outlook(
     total = sum(each.probability for each in kept)
     normed = tuple(replace(each, probability=each.probability / total) for each in kept)
     shown = {name: float(best[columns.usual(name)][0]) for name in sigmas}
-    return Outlook(fitted, designs, normed, tuple(unseen), shown, columns, sigmas)
+    return Outlook(fitted, designs, normed, tuple(unseen), shown, columns, sigmas, made, heat)
 
 
 def information_gained(before: Mapping[str, float], after: Mapping[str, float]) -> float:
@@ -209,10 +256,19 @@ class _Columns:
         return reduced(total, self._model.sigmas)[1:, 1:]
 
 
-def _usual(effect: Effect) -> Variant:
-    """Return the middle of an effect's grid of shapes."""
+def usual_variant(effect: Effect) -> Variant:
+    """Return the point of an effect's grid of shapes nearest to the middle of each; of equals the last."""
     variants = effect.variants()
-    return variants[len(variants) // 2]
+    ranks = [
+        {value: rank for rank, value in enumerate(sorted({each.shape[name] for each in variants}))}
+        for name in variants[0].shape
+    ]
+
+    def off(variant: Variant) -> float:
+        places = zip(ranks, variant.shape.values(), strict=True)
+        return sum(abs(2.0 * rank[value] / max(len(rank) - 1, 1) - 1.0) for rank, value in places)
+
+    return min(reversed(variants), key=off)
 
 
 def _named(finding: RateFinding | None) -> list[Explanation]:

@@ -15,7 +15,7 @@ from bench.analysis.gap._import import read_imported_run
 from bench.control.procedure import load_procedures
 from bench.record.recording import Run, second_rows, seconds
 from drivers.base.arrays import Array
-from drivers.base.constants import DPH_PER_DPS
+from drivers.base.constants import DPH_PER_DPS, earth_rate_north_dph
 from drivers.base.errors import ConfigurationError
 from simulators.effects import Stimulus
 
@@ -151,11 +151,11 @@ def _between_polls(run: Run, edges: Array, error_dph: Array, upright: bool) -> N
     """Return the seconds in which the table's telemetry is too coarse for the unit's noise, (n,).
 
     Between two polls the rate may have changed at once: the straight line between their angles is then off by up
-    to change (t - t0)(t1 - t)/(t1 - t0). Where it stands or turns evenly nothing is.
+    to change (t - t0)(t1 - t)/(t1 - t0). Where it stands or turns evenly nothing is. An upright axis feels the
+    angle itself, a level one by how much its part of the Earth's rate changes over it.
     """
     seconds_lost = np.zeros(len(edges) - 1, dtype=np.bool_)
-    if not upright:  # a level axis feels the Earth alone, which changes little over such an angle
-        return seconds_lost
+    dph_per_deg = DPH_PER_DPS if upright else math.radians(earth_rate_north_dph(run.manifest.latitude_deg))
     polls = run.turntable(("time_ns", "angle_deg"), edges[0] - 3.0, edges[-1] + 3.0)
     at, angle = seconds(polls), np.unwrap(polls["angle_deg"], period=360.0)
     if len(at) < 4:
@@ -168,7 +168,7 @@ def _between_polls(run: Run, edges: Array, error_dph: Array, upright: bool) -> N
     off_deg = change[place] * before * after / np.diff(at)[place]
     known = error_dph[np.isfinite(error_dph)]
     noise_dph = float(np.median(np.abs(np.diff(known, 2)))) * _SIGMA_OF_SECOND_DIFFERENCES
-    bad = DPH_PER_DPS * off_deg > _UNSURE * noise_dph
+    bad = dph_per_deg * off_deg > _UNSURE * noise_dph
     return np.asarray(bad[:-1] | bad[1:])
 
 

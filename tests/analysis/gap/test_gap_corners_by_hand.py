@@ -294,9 +294,18 @@ def test_a_run_without_its_gyro_or_its_phases_is_refused(monkeypatch):
     assert load_gap_runs(Path("f")) == [(("fog a", 2.0, 39.0, ""), {})]
 
 
-def test_a_level_axis_loses_no_seconds_between_polls():
-    assert not _between_polls(None, np.arange(6.0), np.zeros(5), False).any()
-    assert _between_polls(None, np.arange(6.0), np.zeros(5), False).shape == (5,)
+def test_a_level_axis_loses_the_seconds_in_which_a_slew_leaves_the_earths_rate_unknown():
+    """Half a second from polls of a slew that begins at 60 deg/s the angle is 15 deg off: 0.26 rad."""
+    time_s = np.arange(41.0)
+    angle = np.where(time_s < 20.0, 0.0, 60.0 * (time_s - 20.0))
+    table = {"time_ns": (1e9 * time_s).astype(np.int64), "angle_deg": np.mod(angle, 360.0)}
+    run = SimpleNamespace(turntable=lambda *_: table, manifest=SimpleNamespace(latitude_deg=60.0))
+    edges = np.arange(0.5, 40.0)
+    noise = np.random.default_rng(3).normal(0.0, 1.0, 39)
+    # 7.52 deg/h of Earth's rate along the level, 1.97 deg/h of it over 15 deg: three sigma are 1.8 or 2.4 deg/h
+    bad = _between_polls(run, edges, 0.6 * noise, False)
+    assert edges[:-1][bad].tolist() == [18.5, 19.5, 20.5]
+    assert not _between_polls(run, edges, 0.8 * noise, False).any()
 
 
 class Plant:

@@ -211,7 +211,7 @@ def polled(angle_deg):
     """A table that is polled every second from 0 to 40 s."""
     time_s = np.arange(41.0)
     table = {"time_ns": (1e9 * time_s).astype(np.int64), "angle_deg": np.mod(angle_deg(time_s), 360.0)}
-    return SimpleNamespace(turntable=lambda *_: table)
+    return SimpleNamespace(turntable=lambda *_: table, manifest=SimpleNamespace(latitude_deg=39.1))
 
 
 def test_between_two_polls_a_change_of_rate_leaves_the_angle_unknown():

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
-from bench.analysis.gap._information import Foretold, deflection, expected_information
+from bench.analysis.gap._information import Foretold, deflection, expected_if, expected_information
 
 COLUMNS = np.array([[1.0, 0.2], [0.0, 0.7], [0.5, -0.3]])
 """Three whitened samples of two columns."""
@@ -77,3 +77,18 @@ def test_a_formula_that_may_miss_a_quarter_tells_no_more_with_ten_times_the_sign
 def test_deflection_is_the_norm_of_the_foretold_samples():
     mean = np.array([1.2, -0.4])
     assert deflection(GRAM, mean) == pytest.approx(float(np.linalg.norm(COLUMNS @ mean)))
+
+
+def test_what_a_run_leaves_if_one_explanation_is_true_follows_from_the_divergence():
+    """Against a second mean: half its square; against a hidden effect: the exact integral."""
+    near = [foretold(0.5), foretold(0.5, (0.1, 0.0))]
+    odds = 0.5 * 0.01 * GRAM[0, 0]
+    true = 1.0 / (1.0 + math.exp(-odds))
+    assert expected_if(GRAM, near, 0) == pytest.approx([true, 1.0 - true], rel=1e-3)
+    hidden = [foretold(0.8), foretold(0.2, sigmas=(3.0, 0.0))]
+    cov = np.eye(3) + 9.0 * np.outer(COLUMNS[:, 0], COLUMNS[:, 0])
+    lost = 0.5 * (np.trace(np.linalg.inv(cov)) - 3.0 + math.log(np.linalg.det(cov)))
+    left = 0.2 * math.exp(-lost)
+    assert expected_if(GRAM, hidden, 0) == pytest.approx([0.8 / (0.8 + left), left / (0.8 + left)])
+    # a run that shows nothing leaves the probabilities as they are
+    assert expected_if(np.zeros((2, 2)), hidden, 0) == pytest.approx([0.8, 0.2])

@@ -265,11 +265,12 @@ def test_usual_procedures_have_these_settings():
             },
         ),
         ("constant-rotation", {"rate_dps": 20.0, "turns": 400.0, "reversals": 0}),
-        ("standard-test", SHORT | {"max_rate_dps": 100.0, "rates_per_sign": 11}),
+        ("standard-test", SHORT | {"max_rate_dps": 100.0, "rates_per_sign": 11, "sequences": 2}),
     ]
     lengths = [[len(s) for s in each.stimuli.values()] for each in found]
     shock = 60 * 30 + 350 + 60 * 75 + 350 + 60 * 80
-    assert lengths == [[shock], [shock] * 3, [60 * (60 + 65 + 30 + 300 + 30)], [7200], [23 * 240]]
+    rates = 2 * (1 + 2 * 22) * 60  # zero, up and back on both sides, twice
+    assert lengths == [[shock], [shock] * 3, [60 * (60 + 30 + 300 + 30) + 1300], [7200], [rates]]
     assert [next(iter(each.stimuli.values())).elevation_deg[0] for each in found] == [
         0.0,
         90.0,
@@ -278,9 +279,10 @@ def test_usual_procedures_have_these_settings():
         90.0,
     ]
     (rates,) = found[-1].stimuli.values()
-    told = rates.table_rate_dps[120::240]
-    sizes = [100.0 * k / 11.0 for k in range(1, 12)]
-    assert told == pytest.approx([0.0, *(sign * size for size in sizes for sign in (1.0, -1.0))])
+    told = rates.table_rate_dps[30::60]
+    up = [100.0 * k / 11.0 for k in range(12)]
+    there_and_back = [*up, *up[-2::-1]]
+    assert told == pytest.approx(2 * [*there_and_back, *(-rate for rate in there_and_back[1:])])
 
 
 def test_a_shock_goes_down_and_up_at_twelve_kelvin_a_minute():
@@ -298,25 +300,33 @@ def test_a_benchs_grid_has_depths_soaks_rates_and_lengths():
     """The demonstration bench cannot do what is beyond its limits; all that is left is of this grid."""
     soaks = [(20.0, 10.0), (75.0, 30.0)]
     grid = [("zero-bias-cold-shock", soak, hold) for soak, hold in soaks]
-    grid += [("scale-factor-cold-shock", rate, soak, hold) for rate in (5.0, 20.0) for soak, hold in soaks]
-    grid += [
-        ("thermal-ramp", low, high, rate, 10.0, False)
-        for low, high in ((-20.0, 50.0), (-40.0, 60.0))
-        for rate in (1.0 / 3.0, 1.0)
-    ]
+    grid += [("scale-factor-cold-shock", 20.0, soak, hold) for soak, hold in soaks]
+    grid += [("thermal-ramp", -40.0, 60.0, 1.0 / 3.0, 30.0, False)]
+    grid += [("thermal-ramp", -40.0, 60.0, rate, 10.0, False, 10.0, False) for rate in (1.0 / 3.0, 1.0, 3.0)]
     grid += [
         ("constant-rotation", rate, max(round(10.0 * hours * rate), reversals + 1), reversals)
-        for rate in (2.0, 6.0, 20.0)
+        for rate in (2.0, 20.0)
         for hours in (0.5, 2.0)
         for reversals in (0, 3)
     ]
-    grid += [("standard-test", *SHORT.values(), most, 6) for most in (20.0, 100.0)]
+    # sequences stands where the usual short test has it
+    grid += [("standard-test", *(SHORT | {"sequences": n}).values(), 20.0, k) for k, n in ((6, 2), (3, 1))]
     file = load_bench_file(DEMO)
     found = [(each.procedure, *each.settings.values()) for each in designs_for(file)]
-    assert set(found) <= set(grid) and len(found) >= 20
-    assert {each[0] for each in found} == {each[0] for each in grid}
-    missing = [each for each in grid if each not in found]
-    assert all(each[0] in ("thermal-ramp", "standard-test", "scale-factor-cold-shock") for each in missing)
+    assert sorted(found) == sorted(grid)
+
+
+def test_a_benchs_limits_narrow_ramps_and_widen_rates():
+    file = load_bench_file(DEMO)
+    limits = {"min_temp_c": -10.0, "max_temp_c": 45.0, "max_rate_dps": 60.0}
+    narrow = file.model_copy(update={"limits": file.limits.model_copy(update=limits)})
+    found = designs_for(narrow)
+    ends = {(d.settings["low_c"], d.settings["high_c"]) for d in found if d.procedure == "thermal-ramp"}
+    assert ends == {(-10.0, 45.0)}
+    assert not any("shock" in d.procedure for d in found)
+    most = {d.settings["max_rate_dps"] for d in found if d.procedure == "standard-test"}
+    assert most == {20.0, 60.0}
+    assert len({d.key for d in found}) == len(found)
 
 
 # noise

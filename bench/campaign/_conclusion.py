@@ -1,0 +1,167 @@
+"""What a search concludes from its runs, wherever they come from: where it stands, and which run comes next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from bench.analysis import gap
+from bench.analysis.gap import Choice, Design, Diagnosis, Model, Outlook, Recordings
+
+NO_GAP = "no gap"
+DECIDED, UNDECIDED, BUDGET = "decided", "undecided", "budget"
+_LEAST_NATS = 0.02
+"""Expected information below which a run is not worth making."""
+_DOUBT_NATS = 0.02
+"""Information as expected that stands beside what a design's runs told, so that a run of little says little."""
+_CLEAR = 10.0
+"""Standard deviations above the noise that a run must show of an explanation to confirm it."""
+
+Order = Callable[[Sequence[Choice]], Sequence[Choice]]
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """A run that was made: its design's key, and its recordings."""
+
+    design: str
+    recordings: Recordings
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a run of a design was expected to tell, and what it told, nats."""
+
+    design: str
+    expected: float
+    gained: float
+
+
+@dataclass(frozen=True, eq=False)
+class Conclusion:
+    """Where a search stands after its runs.
+
+    `confirmed` is None as long as nothing has the probability asked for, then whether what acts was seen in a
+    run that it was not fitted to; `unseen` are the names that such a run has to show. `until`: the
+    probability asked for.
+    """
+
+    outlook: Outlook
+    diagnosis: Diagnosis | None
+    acts: str
+    probability: float
+    until: float
+    confirmed: bool | None = None
+    unseen: frozenset[str] = frozenset()
+
+    @property
+    def verdict(self) -> str:
+        """The diagnosis' verdict, or that there is none yet."""
+        return self.diagnosis.verdict if self.diagnosis else "nothing recorded"
+
+
+def by_information(choices: Sequence[Choice]) -> list[Choice]:
+    """Return what is worth making of choices that are sorted by information an hour."""
+    return [each for each in choices if each.nats > _LEAST_NATS]
+
+
+def conclude(runs: Sequence[Made], model: Model, designs: Sequence[Design], until: float) -> Conclusion:
+    """Diagnose the recordings of some runs, in their order, and judge whether that answers the question."""
+    given = [run.recordings for run in runs]
+    found = _diagnosed(given, model)
+    shown = [each for run in given for each in run.shown]
+    made = {run.design: run.recordings.shown for run in runs}
+    now = gap.outlook(None if found is None else found.rate, model, shown, designs, made)
+    acts, probability = leading(now.probabilities)
+    confirmed, unseen = None, frozenset[str]()
+    if probability >= until:
+        confirmed, unseen = _confirmed(now, acts, given, model)
+    return Conclusion(now, found, acts, probability, until, confirmed, unseen)
+
+
+def next_choice(
+    now: Conclusion,
+    left_h: float,
+    order: Order = by_information,
+    usable: Callable[[Design], bool] = lambda design: True,
+    history: Sequence[Told] = (),
+) -> tuple[Choice | None, str]:
+    """Return the run to make in the bench time left, or None and how the search has ended.
+
+    A design that was made and told less than was expected of it is expected to tell that much less again.
+    """
+    if now.confirmed is not None:
+        choice = None if now.confirmed else now.outlook.showing(now.unseen, left_h, _CLEAR)
+        return choice, "" if choice else DECIDED
+    told = _told(history)
+    made = [
+        replace(each, nats=each.nats * told.get(each.design.key, 1.0))
+        for each in now.outlook.choices(left_h)
+        if usable(each.design)
+    ]
+    fitting = sorted(made, key=lambda choice: -choice.nats / choice.design.hours)
+    wanted = list(order(fitting))
+    choice = next(iter(wanted), None)
+    if choice is not None and order is by_information:
+        choice = _sooner(wanted, now.until) or choice
+    return choice, "" if choice else UNDECIDED if fitting else BUDGET
+
+
+def _sooner(choices: Sequence[Choice], until: float) -> Choice | None:
+    """Return the shortest run that would end the search if what leads is true, and is no longer than the first.
+
+    Information an hour does not know that the search ends: of two runs that end it the longer one tells more.
+    """
+    closing = [c for c in choices if c.if_true >= until and c.design.hours <= choices[0].design.hours]
+    return min(closing, key=lambda choice: choice.design.hours, default=None)
+
+
+def _told(runs: Sequence[Told]) -> dict[str, float]:
+    """Return by design which part of the information expected of its newest run that gave, at most all of it.
+
+    `runs` are in their order, and what was expected of each is less what the design had failed to tell before.
+    The first run may have told much: of what a repeat tells it says nothing.
+    """
+    told: dict[str, float] = {}
+    for run in runs:
+        own = run.expected / told.get(run.design, 1.0)
+        told[run.design] = (_DOUBT_NATS + min(run.gained, own)) / (_DOUBT_NATS + own)
+    return told
+
+
+def by_name(probabilities: Mapping[frozenset[str], float]) -> dict[str, float]:
+    """Return probabilities by the names that act, as they are written and told."""
+    return {" + ".join(sorted(label)) or NO_GAP: value for label, value in probabilities.items()}
+
+
+def leading(probabilities: Mapping[frozenset[str], float]) -> tuple[str, float]:
+    """Return what most probably acts, and how probable it is."""
+    return max(by_name(probabilities).items(), key=lambda item: item[1])
+
+
+def _diagnosed(
+    runs: Sequence[Recordings], model: Model, held_out: Sequence[Recordings] = ()
+) -> Diagnosis | None:
+    if not runs:
+        return None
+    missing = {name: reason for run in runs for name, reason in run.missing.items()}
+    judging = [each for run in held_out for each in run.runs]
+    return gap.diagnose([each for run in runs for each in run.runs], model, judging, missing)
+
+
+def _confirmed(
+    now: Outlook, acts: str, runs: Sequence[Recordings], model: Model
+) -> tuple[bool, frozenset[str]]:
+    """Return whether the newest run has shown what acts, found without it; else what is to be shown."""
+    if acts == NO_GAP:
+        return True, frozenset()
+    label = now.leading.label
+    before = _diagnosed(runs[:-1], model, runs[-1:])
+    if before is None:
+        return False, label
+    names = frozenset(cause.name for cause in before.rate.causes)
+    names |= {gap.UNKNOWN} if before.rate.unknown_probability > 0.5 else set()
+    held = [each for each in before.rate.held_out if each.cells]
+    if names == label and (gap.UNKNOWN in names or any(each.low > 0.5 for each in held)):
+        return True, frozenset()
+    return False, (label - names) or label

@@ -1,0 +1,120 @@
+"""One search in process: runs recorded by a plant without bytes; diagnosis and end as `gap hunt` has them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+from bench.analysis.gap import information_gained
+from bench.campaign.hunt import BUDGET, Made, Told, by_name, conclude
+from benchmarks.hunt._cases import Case, is_right
+from benchmarks.hunt._plants import HuntPlant
+from benchmarks.hunt._strategies import Strategy
+
+BUDGET_H, UNTIL = 60.0, 0.95
+JOURNAL = "searches.jsonl"
+
+
+@dataclass(frozen=True)
+class Step:
+    """A run of a search: what it is, what it was expected to tell and told, nats; what stood after it."""
+
+    procedure: str
+    text: str
+    hours: float
+    expected: float
+    gained: float
+    to_confirm: bool
+    acts: str
+    probability: float
+    diagnosis_s: float
+    choice_s: float
+    """Processor time."""
+
+
+@dataclass(frozen=True)
+class Searched:
+    """How one search ended. `mode`: "in process", or "bytes"."""
+
+    family: str
+    case: str
+    kind: str
+    seed: int
+    number: int
+    truth: str
+    sizes: dict[str, float]
+    strategy: str
+    mode: str
+    ended: str
+    acts: str
+    probability: float
+    right: bool
+    hours: float
+    steps: tuple[Step, ...]
+
+    @property
+    def wrong(self) -> bool:
+        """Whether it decided for something else."""
+        return self.ended == "decided" and not self.right
+
+    @property
+    def key(self) -> tuple[str, str, str, str]:
+        """What makes it another search."""
+        return (self.family, self.case, self.strategy, self.mode)
+
+
+def seek(plant: HuntPlant, case: Case, name: str, strategy: Strategy) -> Searched:
+    """Let a strategy search for what a unit has."""
+    runs: list[Made] = []
+    told: list[Told] = []
+    steps, used_h, ended = [], 0.0, ""
+    now = conclude(runs, plant.model, plant.designs, UNTIL)
+    while True:
+        begun_s = process_time()
+        design, expected, ended = strategy.next(now, BUDGET_H - used_h, told)
+        chosen_s = process_time() - begun_s
+        if design is None:
+            break
+        used_h += design.hours
+        to_confirm = now.confirmed is False
+        before = by_name(now.outlook.probabilities)
+        runs.append(Made(design.key, plant.recorded(design, case.gap, case.seed, len(runs))))
+        begun_s = process_time()
+        now = conclude(runs, plant.model, plant.designs, UNTIL)
+        gained = information_gained(before, by_name(now.outlook.probabilities))
+        told.append(Told(design.key, expected, gained))
+        taken_s = process_time() - begun_s
+        steps.append(
+            Step(
+                design.procedure, design.text, design.hours, expected, gained, to_confirm, now.acts,
+                now.probability, taken_s, chosen_s,
+            )
+        )  # fmt: skip
+    right = is_right(plant, case, ended, now.acts)
+    return Searched(
+        case.family, case.name, case.kind, case.seed, case.number, case.acts, dict(case.gap), name,
+        "in process", ended, now.acts, now.probability, right, used_h if ended != BUDGET else BUDGET_H,
+        tuple(steps),
+    )  # fmt: skip
+
+
+def keep(folder: Path, one: Searched) -> None:
+    """Add a search to the journal of a folder, a line each."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / JOURNAL).open("a", encoding="utf-8") as file:
+        file.write(json.dumps(asdict(one)) + "\n")
+
+
+def kept(folders: Sequence[Path]) -> Iterator[Searched]:
+    """Yield the searches of journals; a last line that was cut off is no search."""
+    for folder in folders:
+        path = folder / JOURNAL
+        lines = path.read_text(encoding="utf-8").split("\n")[:-1] if path.exists() else []
+        for line in lines:
+            data: dict[str, Any] = json.loads(line)
+            steps = tuple(Step(**step) for step in data.pop("steps"))
+            yield Searched(**data, steps=steps)

@@ -1,0 +1,62 @@
+"""What a search makes of its runs: repeats that tell nothing, the sooner of two ends, confirmation elsewhere."""
+
+import math
+from types import SimpleNamespace
+
+import pytest
+
+from bench.analysis.gap import UNKNOWN, Choice
+from bench.campaign._conclusion import _told
+from bench.campaign.hunt import BUDGET, DECIDED, UNDECIDED, Conclusion, Told, next_choice
+
+
+def design(key, hours):
+    return SimpleNamespace(key=key, hours=hours)
+
+
+def after(choices, confirmed=None, showing=None):
+    outlook = SimpleNamespace(
+        choices=lambda most_h: [each for each in choices if each.design.hours <= most_h],
+        showing=lambda names, most_h, least: showing,
+    )
+    return Conclusion(outlook, None, "shupe", 0.9, 0.95, confirmed, frozenset({UNKNOWN}))
+
+
+def test_a_design_that_told_half_is_expected_to_tell_half_again_and_a_surprise_counts_once():
+    told = _told([Told("a", 0.38, 0.18), Told("b", 0.3, 4.0)])
+    # 0.02 nats as expected stand beside: (0.02 + 0.18) / (0.02 + 0.38)
+    assert told == pytest.approx({"a": 0.5, "b": 1.0})
+    # the repeat was expected to tell 0.2 because half had been taken off 0.4
+    again = _told([Told("a", 0.38, 0.18), Told("b", 0.3, 4.0), Told("a", 0.2, 0.0), Told("b", 0.9, 0.0)])
+    assert again["a"] == pytest.approx(0.02 / (0.02 + 0.4))
+    assert again["b"] == pytest.approx(0.02 / (0.02 + 0.9))
+
+
+def test_a_run_that_told_nothing_makes_place_for_another():
+    choices = [Choice(design("a", 1.0), 0.5), Choice(design("b", 2.0), 0.4)]
+    now = after(choices)
+    assert next_choice(now, 9.0)[0].design.key == "a"
+    chosen, ended = next_choice(now, 9.0, history=[Told("a", 0.5, 0.0)])
+    assert chosen.design.key == "b" and ended == ""
+    nothing = [Told("a", 5.0, 0.0), Told("b", 5.0, 0.0)] * 5
+    assert next_choice(now, 9.0, history=nothing) == (None, UNDECIDED)
+
+
+def test_of_two_runs_that_would_end_the_search_the_shorter_is_made():
+    short = Choice(design("short", 8.0), 0.15, 0.96)
+    long = Choice(design("long", 12.0), 0.30, 0.98)
+    unsure = Choice(design("unsure", 2.0), 0.02, 0.90)
+    assert next_choice(after([long, short, unsure]), 20.0)[0] == short
+    # a run that tells more an hour and is shorter than any that would end it comes first
+    quick = Choice(design("quick", 1.0), 0.2, 0.92)
+    assert next_choice(after([quick, long, short]), 20.0)[0] == quick
+    # an order of the caller's own is kept
+    assert next_choice(after([long, short]), 20.0, order=list)[0] == long
+
+
+def test_an_answer_ends_the_search_when_it_was_seen_again_or_cannot_be():
+    confirming = Choice(design("c", 1.0), math.nan)
+    assert next_choice(after([], True), 9.0) == (None, DECIDED)
+    assert next_choice(after([], False, confirming), 9.0) == (confirming, "")
+    assert next_choice(after([], False), 9.0) == (None, DECIDED)
+    assert next_choice(after([Choice(design("a", 9.5), 1.0)]), 9.0) == (None, BUDGET)
