@@ -145,7 +145,9 @@ def _by_forces(
     unknown_dph = _FEW * earth_rate_north_dph(latitude_deg) * level_part
     if len(moves) + 1 < _LEAST_ATTITUDES:
         remark += f"; {len(moves) + 1} attitudes are too few to tell what depends on attitude: a bias each"
-        return replace(still, moving=~rests, remarks=(remark, *told), apart_dph=_apart(output_dph, parts))
+        return replace(
+            still, force_g=None, moving=~rests, remarks=(remark, *told), apart_dph=_apart(output_dph, parts)
+        )
     rest_s = float(rests.sum()) * steps.period_s / len(parts)
     return replace(found, moving=~rests, remarks=(remark, *told), unknown_dph=unknown_dph, rest_s=rest_s)
 

@@ -15,6 +15,7 @@ from bench.analysis.common.spectrum import freedom_of, power_density
 from bench.analysis.gap import Model, Noise, closed_model, diagnose, parse_model, read_recordings
 from bench.analysis.gap._fast_data import FastRows
 from bench.analysis.gap._fast_floor import FastFloor, density_of, fast_floor
+from bench.analysis.gap._fast_lines import FastPool, _line
 from simulators.effects import Stimulus
 
 RATE_HZ, DURATION_S, ARW = 200.0, 480.0, 0.02
@@ -237,3 +238,68 @@ def test_means_have_no_alias_of_a_line_and_keep_the_rest(at_hz):
     )
     assert np.abs(means - expected).max() > 0.3
     assert np.abs(means - alias - expected).max() < 0.05
+
+
+def pool(phase: str, peak: float, *, freedom: float = 40.0, turns_hz: float = 0.0) -> FastPool:
+    """A flat density of 1 with one bin of a line at 10 Hz; bins are 0.05 Hz wide."""
+    frequency = 0.05 * np.arange(1, 2001)
+    density = np.ones(2000)
+    density[199] += peak
+    return FastPool("p", phase, 0.0, 0.005, frequency, density, freedom, turns_hz, 1)
+
+
+def test_a_weak_line_is_everywhere_if_noise_may_hide_it_in_a_phase():
+    strong, weak = pool("a", 40.0), pool("b", 9.2)  # less than a quarter of the power, but for noise
+    power, sigma = weak.power(10.0, 0.0)
+    assert power == pytest.approx((9.2 + 7 * (1.0 - weak.level[0])) * 0.05, rel=1e-6)
+    assert sigma == pytest.approx(0.05 * weak.level[0] * math.sqrt(2.0 * 7 / (2 / 3) / 40.0), rel=1e-6)
+    assert _line([strong, weak], 10.0, 0.0).everywhere
+    sure = [pool(name, peak, freedom=4000.0) for name, peak in (("a", 40.0), ("b", 9.2))]
+    assert not _line(sure, 10.0, 0.0).everywhere
+
+
+@pytest.mark.parametrize(("turns_hz", "order"), [(2.5, 4), (2.48, 0), (0.1, 0), (0.0, 0)])
+def test_a_multiple_of_the_table_s_turn_is_told_where_bins_tell_them_apart(turns_hz, order):
+    (line,) = [_line([pool("a", 40.0, turns_hz=turns_hz)], 10.0, 0.0)]
+    assert line.order == order and (f"{order} times a turn" in line.sentence) is bool(order)
+
+
+def test_how_far_a_line_holds_differs_from_phase_to_phase_of_a_held_out_run(tmp_path):
+    phases = 'phases = [{ name = "rest", start_s = 0 }, { name = "soak", start_s = 240 }]\n'
+    line = np.sin(2 * np.pi * 71.3 * TIME_S)
+    first = log(tmp_path, "d0", noise(21) + 20.0 * line, phases)
+    second = log(tmp_path, "d1", noise(22) + np.where(TIME_S < 240.0, 20.0, 26.0) * line, phases)
+    (held,) = found(first, held_out=second).fast.held_out
+    # powers 200 and 338 of which 200 each are foretold
+    parts = (1.0, 200.0 / 338.0)
+    assert held.share == pytest.approx(400.0 / 538.0, abs=0.05)
+    spread = 1.96 * abs(parts[0] - parts[1]) / 2.0
+    assert held.low == pytest.approx(held.share - spread, abs=0.1) and held.high <= 1.0
+
+
+def test_few_segments_have_their_median_below_their_mean():
+    frequency = np.arange(1, 4001) * 0.02
+    drawn = np.random.default_rng(5).chisquare(2.0, 4000) / 2.0 * 7200.0 * ARW**2
+    floor = fast_floor(frequency, drawn, 2.0, 0.005, ARW)
+    assert floor.arw_deg_per_sqrt_h == pytest.approx(ARW, rel=0.03)
+
+
+def test_a_slow_line_beside_one_that_the_model_has_is_named(tmp_path):
+    rate = noise(31) + 6.0 * np.sin(2 * np.pi * 0.37 * TIME_S)
+    text = (
+        '[[effect]]\nname = "vibration_or_mains_line"\n'
+        "parameters = { amplitude_dph = 6.0, frequency_hz = 0.11 }\n"
+        "sigma = { amplitude_dph = 0.1, frequency_hz = 0.01 }\n"
+    )
+    long = np.tile(rate, 2)
+    time_s = np.arange(len(long)) / RATE_HZ
+    table = np.column_stack([time_s, long / 3600.0])
+    np.savetxt(tmp_path / "s.csv", table, "%.9g", ",", header="t,rate", comments="")
+    file = tmp_path / "s.toml"
+    file.write_text(
+        'format = 1\nunit_id = "u"\nlatitude_deg = 0\n[columns]\ntime = { name = "t", unit = "s" }\n'
+        'output = { name = "rate", unit = "deg/s" }\n[[run]]\nfile = "s.csv"\n'
+    )
+    given = read_recordings([file])
+    assert "vibration_or_mains_line" in diagnose(given.runs, model(text)).rate.stochastic
+    assert not diagnose(given.runs, model(text.replace("= 0.11", "= 0.37"))).rate.stochastic

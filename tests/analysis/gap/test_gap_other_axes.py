@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from bench.analysis.gap import diagnose, diagnose_batch, parse_model, read_batch, read_recordings
 from bench.analysis.gap._import import read_mapped_runs
+from bench.analysis.gap._rate import _with_unknown_rate
 from drivers.base.constants import EARTH_RATE_DPH
 from drivers.base.errors import ConfigurationError
 
@@ -75,9 +77,20 @@ def test_moves_are_left_out_and_each_rest_has_its_attitude(tmp_path):
         assert run.stimulus.elevation_deg[inside] == pytest.approx(math.degrees(math.asin(up[2])), abs=0.1)
         ahead = up[[2, 0, 1]]
         assert run.stimulus.force_g[:, inside].mean(axis=1) == pytest.approx(ahead, abs=2e-3)
+        # nobody knows where it points in the level: of Earth's rate its vertical part is foretold
+        vertical = EARTH_RATE_DPH * math.sin(math.radians(LATITUDE_DEG)) * up[2]
+        assert run.stimulus.input_rate_dph[inside] == pytest.approx(vertical, abs=0.05)
         if start_s:
             assert run.missing[round(start_s - MOVE_S) : round(start_s)].all()
     assert run.missing.mean() < 0.15
+    assert run.stimulus.cross_rate_dph is None  # a hand that turns other axes turns this one, too
+    level = math.sqrt(0.5 * np.mean(1.0 - UP[:, 2] ** 2))
+    north = EARTH_RATE_DPH * math.cos(math.radians(LATITUDE_DEG))
+    assert run.unknown_dph == pytest.approx(1.4 * north * level, rel=0.01)
+    assert run.unknown_time_s == pytest.approx(REST_S, abs=3.0)
+    noise = _with_unknown_rate(MODEL, [run]).noise
+    assert (noise.correlated_dph, noise.correlation_time_s) == (run.unknown_dph, 0.5 * run.unknown_time_s)
+    assert _with_unknown_rate(MODEL, [replace(run, unknown_dph=0.0)]) is MODEL
     assert any(f"moved {len(UP) - 1} times" in remark for remark in run.remarks)
 
 
@@ -130,6 +143,7 @@ def test_a_lean_towards_another_axis_shows_by_that_axis_rate(tmp_path):
     assert cause.name == "cross_axis_sensitivity"
     # z is the second axis after x
     assert cause.term.values[1] == pytest.approx(0.05, abs=4.0 * cause.term.sigmas[1])
+    assert cause.term.sigmas[1] < 0.01
 
 
 def test_a_tilt_in_a_rest_changes_the_elevation_and_is_said(tmp_path):
@@ -161,3 +175,46 @@ def test_forces_that_are_not_gravity_tell_no_attitude(tmp_path):
     (run,) = read_mapped_runs(mapping(tmp_path, table))
     assert not run.missing.any() and not run.stimulus.elevation_deg.any()
     assert any("not gravity" in remark for remark in run.remarks)
+
+
+def test_so_few_attitudes_tell_nothing_of_attitude(tmp_path):
+    ups = np.concatenate([np.repeat(UP[k : k + 1], 2, axis=0) for k in range(2)])  # up, up, down, down
+    file = mapping(tmp_path, columns(ups, lambda axis, up: 300.0 * up[2]))
+    (run,) = read_mapped_runs(file, "z")
+    assert any("too few to tell" in remark for remark in run.remarks)
+    rests = [run.output_dph[6:100], run.output_dph[-100:-6]]
+    assert np.nanmean(rests[0]) == pytest.approx(np.nanmean(rests[1]), abs=10.0)  # of 600
+    assert run.stimulus.force_g is None and not np.ptp(run.stimulus.elevation_deg)
+    assert not diagnose(read_recordings([file], gyro="z").runs, MODEL).rate.causes
+
+
+def gyro_alone(folder: Path, rate_dps: np.ndarray) -> Path:
+    time_s = np.arange(len(rate_dps)) / RATE_HZ
+    np.savetxt(folder / "g.csv", np.column_stack([time_s, rate_dps]), "%.9g", ",", header="t,g", comments="")
+    file = folder / "g.toml"
+    file.write_text(
+        f'format = 1\nunit_id = "u"\nlatitude_deg = {LATITUDE_DEG}\n[columns]\n'
+        'time = { name = "t", unit = "s" }\noutput = { name = "g", unit = "deg/s" }\n[[run]]\nfile = "g.csv"\n'
+    )
+    return file
+
+
+def test_turns_that_a_gyro_alone_sees_are_left_out_and_each_rest_has_its_bias(tmp_path):
+    table = columns(UP[:5], lambda axis, up: 400.0 * up[2])
+    (run,) = read_mapped_runs(gyro_alone(tmp_path, table["gz"]))
+    assert any("turned 4 times, as its gyros say" in remark for remark in run.remarks)
+    for number in range(5):
+        start = round(number * (REST_S + MOVE_S))
+        inside = slice(start + 3, start + round(REST_S) - 3)
+        assert not run.missing[inside].any()
+        assert np.nanmean(run.output_dph[inside]) == pytest.approx(np.nanmean(run.output_dph), abs=3.0)
+        if number:
+            assert run.missing[start - round(MOVE_S) + 1 : start - 1].all()
+
+
+def test_a_gyro_that_turns_most_of_the_time_is_left_as_it_is_and_that_is_said(tmp_path):
+    time_s = np.arange(round(300 * RATE_HZ)) / RATE_HZ
+    swinging = np.where(time_s < 60.0, 0.0, 30.0 * np.sin(2.0 * np.pi * time_s / 7.0))
+    noise = 0.01 * np.random.default_rng(2).standard_normal(len(time_s))
+    (run,) = read_mapped_runs(gyro_alone(tmp_path, swinging + noise))
+    assert not run.missing.any() and any("most of the time" in remark for remark in run.remarks)

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from bench.analysis.gap import read_model, read_recordings
 from bench.analysis.look import LookOptions, half_differences, look, write_files
 from bench.present.cli._app import app
+from bench.record.exchange import read_mapping
 from drivers.base.errors import ConfigurationError
 
 SHARED = Path("../shared/data")
@@ -452,3 +453,16 @@ def test_without_a_known_rate_a_line_has_cycles_a_sample(tmp_path):
     log = written(tmp_path / "log.csv", {"gyro_x [deg/s]": tone, "gyro_y [deg/s]": rng.normal(0, 1, 20_000)})
     said = CliRunner().invoke(app, ["look", str(log), "--still"]).output
     assert f"lines at {0.2 / (2 * np.pi):.3g}" in said and "cycles a sample" in said and " Hz and" not in said
+
+
+def test_a_mapping_of_an_imu_names_all_its_axes(tmp_path):
+    data = {f"gyro_{axis} [deg/s]": noise(3000, 0.05, seed) for seed, axis in enumerate("xyz")}
+    data |= {f"acc_{axis} [m/s^2]": noise(3000, 0.02, 9 + seed) for seed, axis in enumerate("xyz")}
+    data["acc_z [m/s^2]"] += 9.80665
+    found = look(written(tmp_path / "log.csv", data), LookOptions(rate_hz=50.0))
+    files = write_files(found, tmp_path / "out", latitude_deg=48.0)
+    mapping = read_mapping(next(file for file in files if file.name == "log_y.toml"))
+    assert mapping.axis == "y" and set(mapping.columns.gyros) == set(mapping.columns.accelerometers) == set(
+        "xyz"
+    )
+    assert mapping.columns.accelerometers["z"].name.startswith("acc_z")
