@@ -40,6 +40,9 @@ _MPU = LookOptions(units=["g?=0.00763359 deg/s", "a?=0.061035 mg"])
 """131 counts a deg/s and 16384 counts a g: the data sheet's smallest ranges, which its author states."""
 
 
+_KINDS_OF_NOISE = ("noise_level", "bias_instability", "rate_random_walk", "quantisation")
+
+
 _SUNSIDED = "sunsided/sensor-fusion@f16045a9d1d4f9037a183f436fe3c098a38ad99d:data/set-1/"
 
 
@@ -61,6 +64,15 @@ def gap_of(found: Look, axis: str, latitude_deg: float) -> str:
             *unit.stochastic,
         ]
     return ", ".join(dict.fromkeys(named)) or "nothing"
+
+
+def turned_by_nobody_knows_what(found: Look, by: str) -> Said:
+    """Return whether the diagnosis names no effect of a unit that was turned by hand, but noise at most."""
+    named = {axis: gap_of(found, axis, 45.0) for axis in "xyz"}
+    others = {word for text in named.values() for word in text.split(", ")} - {"nothing", *_KINDS_OF_NOISE}
+    said = "; ".join(f"{axis} {text}" for axis, text in named.items())
+    return Said("turned by hand: turns are no errors of the gyro", by, f"diagnosis: {said}",
+                not others)  # fmt: skip
 
 
 def ring_laser(path: Path) -> Iterator[Said]:
@@ -129,6 +141,7 @@ def ferraris(path: Path) -> Iterator[Said]:
         said += [f"{turn.axis} {turn.angle:.0f} deg" for turn in turns]
         right &= len(turns) == 1 and turns[0].axis == axis and abs(abs(turns[0].angle) - 360.0) < 15.0
     yield Said("three turns by 360 deg: x, y, z", "its section list", ", ".join(said), right)
+    yield turned_by_nobody_knows_what(found, "its section list")
 
 
 def positions(path: Path) -> Iterator[Said]:
@@ -139,6 +152,7 @@ def positions(path: Path) -> Iterator[Said]:
     limits = {axis.channel.name: axis.figures.limits for axis in found.axes if axis.figures.limits}
     yield Said("gyros left their range of 250 deg/s", "counts of -32768 in a row",
                f"saturates: {', '.join(limits)}", "gx" in limits)  # fmt: skip
+    yield turned_by_nobody_knows_what(found, "its header")
 
 
 def quarter_turn(path: Path) -> Iterator[Said]:

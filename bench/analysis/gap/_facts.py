@@ -133,6 +133,7 @@ def _fast(found: FastFinding) -> dict[str, Any]:
                 "band_width_hz": line.width_hz if line.broad else None,
                 "times_a_turn": line.order,
                 "everywhere": line.everywhere,
+                "while_turning": line.turning,
             }
             for line in found.lines
         ],

@@ -87,7 +87,7 @@ class FastRows:
         """What lines above half the steps' rate leave in the means of the steps, deg/h (n,): their aliases.
 
         Taken off the means it makes the decimation free of them; white noise stays white. Zero where the table
-        does not turn evenly.
+        does not turn evenly, but for the seconds beside.
         """
         count = len(self.stimulus)
         starts = np.sort(np.concatenate([*self._segments.values(), np.zeros(0, dtype=np.int64)])).tolist()
@@ -99,13 +99,22 @@ class FastRows:
         return DPH_PER_DPS * sums / np.maximum(np.bincount(self.owner[used], minlength=count), 1)
 
     def _lines_hz(self) -> list[float]:
-        """Return the frequencies of the lines of all phases that means show at another."""
+        """Return the frequencies of lines that means show at another, in any phase while the table stands.
+
+        A line of a table that turns may be its own rate: what acted has its alias as well.
+        """
         found: list[float] = []
-        for own in self.spectra:
-            bin_hz = float(own.frequency_hz[1] - own.frequency_hz[0])
-            lowest = int(np.searchsorted(own.frequency_hz, 0.5 / self.stimulus.period_s))
-            for line in spectral_lines(own.frequency_hz, own.density, freedom_of(own.averages), lowest):
-                known = any(abs(line.frequency_hz - other) <= _SAME_BINS * bin_hz for other in found)
+        for starts in self._segments.values():
+            middle = np.minimum((starts + self._size // 2) * self.row_s / self.stimulus.period_s, self._last)
+            stands = np.abs(self.stimulus.table_rate_dps[middle.astype(np.int64)]) < _EVEN_DPS
+            frequency, density, calm = _mean_density(
+                self.rows_dps, self.row_s, starts[stands].tolist(), self._size
+            )
+            if not len(calm):
+                continue
+            lowest = int(np.searchsorted(frequency, 0.5 / self.stimulus.period_s))
+            for line in spectral_lines(frequency, density, freedom_of(int(calm.sum())), lowest):
+                known = any(abs(line.frequency_hz - other) <= _SAME_BINS * frequency[0] for other in found)
                 if not line.broad and not known:
                     found.append(line.frequency_hz)
         return found

@@ -27,6 +27,7 @@ from drivers.base.arrays import Array
 
 SAME_BINS, _PIECES = 2.0, 16
 """Bins by which a line is the same in another phase; bins over which a density is smoothed to look for bands."""
+_STANDS_HZ = 1e-4
 _BESIDE_BINS, _RISES = 8, 1.5
 """Bins to either side of a line of which one is lower by so many times."""
 _HANN_BINS, _LOST = 1.5, 0.2
@@ -115,7 +116,8 @@ class FastPool:
 class FastLine:
     """A line or band: amplitude in deg/h of a sine of its power, by phase ("profile: phase").
 
-    `order`: which harmonic of the table's turn it is, 0 for none. `everywhere`: in every phase, so that it is a
+    `order`: which harmonic of the table's turn it is, 0 for none. `turning`: it is there only while the table
+    turns, whose own rate it may be. `everywhere`: in every phase, so that it is a
     term of a closed model. Its cause may lie at any multiple of the rows' rate plus or minus the frequency.
     """
 
@@ -125,6 +127,7 @@ class FastLine:
     broad: bool
     order: int
     everywhere: bool
+    turning: bool = False
 
     @property
     def amplitude_dph(self) -> float:
@@ -148,7 +151,10 @@ class FastLine:
             text, size = f"a line at {self.frequency_hz:.5g} Hz", f"{self.amplitude_dph:.3g} deg/h"
         if self.order:
             text += f", {self.order} times a turn of the table"
-        return f"{text}: {size}" + ("" if self.everywhere else f", most in {most}")
+        where = "" if self.everywhere else f", most in {most}"
+        return f"{text}: {size}{where}" + (
+            "; the table turns there, and it may be its own rate" * self.turning
+        )
 
 
 def fast_pools(runs: Sequence[GapRun]) -> tuple[FastPool, ...]:
@@ -226,6 +232,8 @@ def _line(pools: Sequence[FastPool], frequency_hz: float, width_hz: float) -> Fa
     strongest = pools[[power for power, _ in both].index(largest)]
     # amplitudes as the square roots of powers, as far as their noise lets one see
     everywhere = all(power + 2.0 * sigma >= _EVERYWHERE**2 * largest for power, sigma in both)
+    strong = [power >= _EVERYWHERE**2 * largest for power, _ in both]
+    turning = all(pool.turns_hz > _STANDS_HZ for pool, own in zip(pools, strong, strict=True) if own)
     return FastLine(
         frequency_hz,
         width_hz,
@@ -233,6 +241,7 @@ def _line(pools: Sequence[FastPool], frequency_hz: float, width_hz: float) -> Fa
         broad=False,
         order=_order(frequency_hz, strongest),
         everywhere=everywhere,
+        turning=turning,
     )
 
 

@@ -261,6 +261,8 @@ def test_a_weak_line_is_everywhere_if_noise_may_hide_it_in_a_phase():
 @pytest.mark.parametrize(("turns_hz", "order"), [(2.5, 4), (2.48, 0), (0.1, 0), (0.0, 0)])
 def test_a_multiple_of_the_table_s_turn_is_told_where_bins_tell_them_apart(turns_hz, order):
     (line,) = [_line([pool("a", 40.0, turns_hz=turns_hz)], 10.0, 0.0)]
+    assert line.turning is (turns_hz > 0.0)
+    assert not _line([pool("a", 40.0, turns_hz=turns_hz), pool("b", 39.0)], 10.0, 0.0).turning
     assert line.order == order and (f"{order} times a turn" in line.sentence) is bool(order)
 
 
