@@ -155,6 +155,8 @@ def stand_ins(t_in_c: Array | None, t_out_c: Array | None, count: int) -> tuple[
 def interpolated(values: Array) -> Array:
     """Return values with NaN replaced by what lies between their neighbours, (n,); all NaN stays so."""
     known = ~np.isnan(values)
+    if known.all():
+        return values
     at = np.arange(len(values))
     return np.asarray(np.interp(at, at[known], values[known])) if known.any() else values
 

@@ -69,7 +69,7 @@ class FastRows:
         """
         found = []
         for name, own in self._segments.items():
-            frequency, density, calm = _mean_density(self.rows_dps, self.row_s, own.tolist(), self._size)
+            frequency, density, calm = self._density(own)
             if not len(calm):
                 continue
             middle = np.minimum((own + self._size // 2) * self.row_s / self.stimulus.period_s, self._last)
@@ -98,6 +98,17 @@ class FastRows:
         sums = np.bincount(self.owner[used], wave[used], count)
         return DPH_PER_DPS * sums / np.maximum(np.bincount(self.owner[used], minlength=count), 1)
 
+    def _density(self, starts: NDArray[np.int64]) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Return `_mean_density` of segments, worked out once."""
+        key = starts.tobytes()
+        if key not in self._densities:
+            self._densities[key] = _mean_density(self.rows_dps, self.row_s, starts.tolist(), self._size)
+        return self._densities[key]
+
+    @cached_property
+    def _densities(self) -> dict[bytes, tuple[Array, Array, NDArray[np.bool_]]]:
+        return {}
+
     def _lines_hz(self) -> list[float]:
         """Return the frequencies of lines that means show at another, in any phase while the table stands.
 
@@ -107,9 +118,7 @@ class FastRows:
         for starts in self._segments.values():
             middle = np.minimum((starts + self._size // 2) * self.row_s / self.stimulus.period_s, self._last)
             stands = np.abs(self.stimulus.table_rate_dps[middle.astype(np.int64)]) < _EVEN_DPS
-            frequency, density, calm = _mean_density(
-                self.rows_dps, self.row_s, starts[stands].tolist(), self._size
-            )
+            frequency, density, calm = self._density(starts[stands])
             if not len(calm):
                 continue
             lowest = int(np.searchsorted(frequency, 0.5 / self.stimulus.period_s))
