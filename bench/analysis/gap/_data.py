@@ -17,7 +17,7 @@ from drivers.base.errors import ConfigurationError
 from simulators.effects import REFERENCE_C, Stimulus
 
 if TYPE_CHECKING:
-    from bench.analysis.gap._fast_data import FastSpectrum
+    from bench.analysis.gap._fast_spectrum import FastSpectrum
     from bench.analysis.gap._simulation import Simulation
 
 T = TypeVar("T")

@@ -13,6 +13,7 @@ from scipy.signal.windows import hann
 
 from bench.analysis.common.spectrum import freedom_of, power_density, spectral_lines
 from bench.analysis.gap._data import interpolated
+from bench.analysis.gap._fast_spectrum import FastSpectrum
 from drivers.base.arrays import Array
 from drivers.base.constants import DPH_PER_DPS
 from simulators.effects import Stimulus
@@ -27,24 +28,6 @@ _BRIDGED = 0.05
 _SAME_BINS, _BESIDE = 2.0, 1e-4
 _KNOCKED = 10.0
 """Times the power of the median segment from which on one is left out."""
-
-
-@dataclass(frozen=True, eq=False)
-class FastSpectrum:
-    """Power density of a run's rows in one phase, one-sided, (deg/h)^2/Hz, (m,) over `frequency_hz` (m,).
-
-    `averages`: segments, half over each other; `knocked`: how many more were left out, many times as strong as
-    these. `turns_hz`: how often the table turns in it, the mean.
-    """
-
-    phase: str
-    start_s: float
-    row_s: float
-    frequency_hz: Array
-    density: Array
-    averages: int
-    turns_hz: float
-    knocked: int = 0
 
 
 @dataclass(frozen=True, eq=False)

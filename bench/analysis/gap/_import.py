@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.gap._data import SHORTEST, GapRun, interpolated, stand_ins
-from bench.analysis.gap._fast_data import FastRows, FastSpectrum
+from bench.analysis.gap._fast_data import FastRows
+from bench.analysis.gap._fast_spectrum import FastSpectrum
 from bench.analysis.gap._log_rows import even_rows, finest_angle_deg, held_rows
 from bench.analysis.gap._mapped import MappedLog, imported_log, mapped_logs
 from bench.analysis.gap._other_axes import OtherAxes, other_axes
