@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.analysis.calibration import calibrate_by_hand, load_hand_record
 from bench.analysis.gap import diagnose, read_model, read_recordings
 from bench.analysis.look import Look, LookOptions, half_differences, look, write_files
 from bench.analysis.rlg import load_chamber_cycle, study_chamber_cycle
@@ -25,6 +26,7 @@ from benchmarks import _foreign_fmu, _heated_plants
 from benchmarks._fetched import CACHE
 from benchmarks._said import Recording, Said
 from drivers.base.clock import host_seconds
+from drivers.base.constants import gravity_mps2
 from drivers.base.errors import BenchError, ConfigurationError
 
 PAGE = Path("docs/real_data.md")
@@ -161,6 +163,38 @@ def quarter_turn(path: Path) -> Iterator[Said]:
     right = len(turns) == 1 and found.motion.turns[0].axis == "x"
     yield Said("one turn by 90 deg about x", "its name", ", ".join(turns),
                right and abs(abs(found.motion.turns[0].angle) - 90.0) < 3.0)  # fmt: skip
+    before, after = rests_corrected_by(path.with_name("example_data_calibration.csv"), found)
+    yield Said(
+        "in either attitude gravity is 9.81 m/s^2", "physics",
+        "calibrated by the log in many positions it is off by "
+        + " and ".join(f"{size:.3f}" for size in after) + " m/s^2, before by "
+        + " and ".join(f"{size:.3f}" for size in before),
+        max(map(abs, after)) < 0.03,
+    )  # fmt: skip
+
+
+def rests_corrected_by(positions: Path, found: Look) -> tuple[list[float], list[float]]:
+    """Return how far gravity is off at the rests of a log, as recorded and by a calibration on another."""
+    with tempfile.TemporaryDirectory() as folder:
+        files = write_files(look(positions, _MPU), Path(folder), latitude_deg=45.0)
+        mapping = next(file for file in files if file.name.endswith("_x.toml"))
+        record, latitude_deg, _ = load_hand_record(mapping)
+        gravity = gravity_mps2(latitude_deg, 0.0)
+        compensation = calibrate_by_hand(record, gravity_mps2=gravity).compensation
+    axes = {(axis.channel.kind, axis.channel.axis): axis.values for axis in found.axes}
+    rate, force = (
+        np.stack([axes[kind, axis] for axis in "xyz"], axis=1) for kind in ("gyro", "accelerometer")
+    )
+    per_s = found.clock.per_s
+    _, corrected = compensation.apply("", 1.0 / per_s, rate, force, force_unit=True)
+    rests = [
+        slice(round((low + 0.3) * per_s), round((high - 0.3) * per_s)) for low, high in found.motion.rests_s
+    ]
+    before, after = (
+        [float(np.linalg.norm(values[rest].mean(axis=0))) - gravity for rest in rests]
+        for values in (force, corrected)
+    )
+    return before, after
 
 
 def static(path: Path) -> Iterator[Said]:

@@ -1,5 +1,6 @@
 """System-level calibration of an IMU: error model, observability, schedules, their covariance and search."""
 
+from bench.analysis.calibration._by_hand import HandCalibration, HandRecord, calibrate_by_hand
 from bench.analysis.calibration._calibrate import Calibration, calibrate, load_record
 from bench.analysis.calibration._compensation import ImuCompensation
 from bench.analysis.calibration._conventions import (
@@ -14,6 +15,7 @@ from bench.analysis.calibration._conventions import (
     Task,
 )
 from bench.analysis.calibration._estimator import BiasWander, Estimate
+from bench.analysis.calibration._hand_record import load_hand_record
 from bench.analysis.calibration._record_noise import RecordNoise
 from bench.analysis.calibration._result import Evaluation, evaluate, missed_targets
 from bench.analysis.calibration._runs import CalibrationRun, load_calibration_run
@@ -50,6 +52,8 @@ __all__ = [
     "Effort",
     "Estimate",
     "Evaluation",
+    "HandCalibration",
+    "HandRecord",
     "ImuCompensation",
     "Noise",
     "RecordNoise",
@@ -60,10 +64,12 @@ __all__ = [
     "Task",
     "TurningPlan",
     "calibrate",
+    "calibrate_by_hand",
     "evaluate",
     "home_attitude",
     "home_text",
     "load_calibration_run",
+    "load_hand_record",
     "load_record",
     "load_scheme",
     "missed_targets",

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from rich.table import Table
-from typer import Argument, Option
+from typer import Argument, BadParameter, Option
 
 from bench.present.cli._console import Terminal
 from bench.present.cli._options import (
@@ -21,6 +21,7 @@ from bench.present.cli._options import (
     VelocityNoise,
     Vrw,
 )
+from bench.present.cli.fit._by_hand import by_hand
 from drivers.base.clock import utc_now
 
 if TYPE_CHECKING:
@@ -93,7 +94,10 @@ def _print_figures(console: Terminal, title: str, figures: Sequence[Figure]) -> 
 
 def calibration(
     record: Annotated[
-        Path, Argument(help="run folder of system-calibration, or log of the IMU that import reads")
+        Path,
+        Argument(
+            help="run folder of system-calibration, log of the IMU that import reads, or a mapping file"
+        ),
     ],
     scheme: Annotated[str | None, Option(help="scheme that was turned; a run says it itself")] = None,
     gyro: GyroToFit = None,
@@ -111,9 +115,20 @@ def calibration(
     as_told: Annotated[
         bool, Option("--as-told", help="keep the noise that was told, whatever the record shows")
     ] = False,
+    hand: Annotated[
+        bool, Option("--by-hand", help="the unit was turned by hand; the record is a mapping file (TOML)")
+    ] = False,
+    turn_deg: Annotated[
+        float | None, Option(help="with --by-hand: angle of the turns that are about as large")
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Calibrate an IMU from the record of a rotation scheme."""
+    """Calibrate an IMU from the record of a rotation scheme, or of turns by hand."""
+    if hand:
+        by_hand(Terminal(as_json=as_json), record, out, gravity=gravity_mps2, turn_deg=turn_deg)
+        return
+    if turn_deg is not None:
+        raise BadParameter("--turn-deg goes with --by-hand")
     from bench.analysis.calibration import DPH_RAD_S, BiasWander, Noise, calibrate, load_record
     from bench.analysis.common.state_file import save_file, saved_together
     from bench.present.report import CalibrationContent, calibration_page, write_report
