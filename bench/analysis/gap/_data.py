@@ -24,6 +24,8 @@ T = TypeVar("T")
 _COPY = 0.8
 MOST_MISSING = 0.6
 """Part of a run's samples that may be missing."""
+SIGMA_OF_SECOND_DIFFERENCES = 1.4826 / math.sqrt(6.0)
+"""Standard deviation of white noise over the median size of its second differences."""
 SHORTEST = 256
 """Samples below which a run has no time scales worth separating."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
@@ -13,7 +14,7 @@ from bench.analysis.gap._candidates import candidate_variants
 from bench.analysis.gap._causes import causes_of, models_with_and_without, nominal_beside
 from bench.analysis.gap._cells import BANDS, mixing
 from bench.analysis.gap._close import holding, shrinkage
-from bench.analysis.gap._data import GapRun, Group, check_runs, unseen
+from bench.analysis.gap._data import SIGMA_OF_SECOND_DIFFERENCES, GapRun, Group, check_runs, unseen
 from bench.analysis.gap._describe import UnknownPart, differing_parts, shaken_part, unknown_parts
 from bench.analysis.gap._disturbed import Disturbed, lines_hz, without_disturbances
 from bench.analysis.gap._findings import Cause, Finding, Place
@@ -166,6 +167,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
                 *_of_lines(found, disturbed),
                 *_of_time(causes, runs),
                 *_of_same(data.model, runs),
+                *(_of_noise(data.model, runs) if unknown > 0.5 else ()),
             ),
             model=model,
             resembles=resembles,
@@ -337,6 +339,24 @@ def _of_same(model: Model, runs: Sequence[GapRun]) -> list[str]:
         f"the model was fitted on {', '.join(same)}: what is found beside its terms rests on the same recording, "
         "and is what these left of it; judge it on another (--held-out)"
     ]
+
+
+def _of_noise(model: Model, runs: Sequence[GapRun]) -> list[str]:
+    """Say which white noise logs without finer rows show by themselves, beside the model's."""
+    if any(run.fast for run in runs):
+        return []  # the rows say it
+    arws = [_white_arw(run) for run in runs]
+    return [
+        f"white noise from sample to sample is as of {float(np.median(arws)):.3g} deg/sqrt(h), "
+        f"the model has {model.noise.arw_deg_per_sqrt_h:.3g}"
+    ]
+
+
+def _white_arw(run: GapRun) -> float:
+    """Return the angle random walk, deg/sqrt(h), that the median second difference of a run's samples shows."""
+    left = run.output_dph - run.stimulus.input_rate_dph
+    sigma_dph = float(np.nanmedian(np.abs(np.diff(left, 2)))) * SIGMA_OF_SECOND_DIFFERENCES
+    return sigma_dph * math.sqrt(run.stimulus.period_s) / 60.0
 
 
 def _of_time(causes: Sequence[Cause[Term]], runs: Sequence[GapRun]) -> list[str]:

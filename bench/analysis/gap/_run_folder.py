@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.calibration import load_calibration_run
-from bench.analysis.gap._data import GapRun, interpolated, stand_ins
+from bench.analysis.gap._data import SIGMA_OF_SECOND_DIFFERENCES, GapRun, interpolated, stand_ins
 from bench.analysis.gap._fast_data import FastRows
 from bench.analysis.gap._import import read_imported_run
 from bench.control.procedure import load_procedures
@@ -23,8 +23,6 @@ _TURNING_DPS = 0.05
 _SETTLING_S = 5
 _UNSURE = 3.0
 """Standard deviations of a second's noise that the table's telemetry may be off by."""
-_SIGMA_OF_SECOND_DIFFERENCES = 1.4826 / math.sqrt(6.0)
-"""Standard deviation of white noise over the median size of its second differences."""
 AXES = "xyz"
 CALIBRATION = "system-calibration"
 
@@ -167,7 +165,7 @@ def _between_polls(run: Run, edges: Array, error_dph: Array, upright: bool) -> N
     before, after = np.maximum(edges - at[place], 0.0), np.maximum(at[place + 1] - edges, 0.0)
     off_deg = change[place] * before * after / np.diff(at)[place]
     known = error_dph[np.isfinite(error_dph)]
-    noise_dph = float(np.median(np.abs(np.diff(known, 2)))) * _SIGMA_OF_SECOND_DIFFERENCES
+    noise_dph = float(np.median(np.abs(np.diff(known, 2)))) * SIGMA_OF_SECOND_DIFFERENCES
     bad = dph_per_deg * off_deg > _UNSURE * noise_dph
     return np.asarray(bad[:-1] | bad[1:])
 

@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from bench.analysis.gap import closed_model, diagnose, parse_model, read_recordings
+from bench.analysis.gap._data import GapRun
+from bench.analysis.gap._rate import _of_noise, _white_arw
 from drivers.base.errors import ConfigurationError
+from simulators.effects import Stimulus
 
 RATE_HZ, ARW = 100.0, 0.3
 MODEL = parse_model(f"format = 1\n[noise]\narw_deg_per_sqrt_h = {ARW}\nbias_instability_dph = 1.0\n", "test")
@@ -88,3 +91,24 @@ def test_what_comes_back_fewer_than_eight_times_is_no_line(tmp_path):
         rate = noise(100, 6) + 60.0 * np.sin(2.0 * math.pi * time_s / period_s)
         found = diagnose(read_recordings([log(tmp_path, f"p{period_s:.0f}", rate)]).runs, MODEL).rate
         assert ("vibration_or_mains_line" in found.stochastic) is bool(lines)
+
+
+@pytest.mark.parametrize("period_s", [1.0, 4.0])
+def test_white_noise_of_slow_logs_is_read_off_their_samples(period_s):
+    count = 40_000
+    still = np.full(count, 25.0)
+    stimulus = Stimulus(
+        period_s * np.arange(1.0, count + 1.0),
+        still,
+        still,
+        np.zeros(count + 1),
+        np.zeros(count),
+        0.0,
+        period_s,
+    )
+    drawn = 60.0 * ARW / math.sqrt(period_s) * np.random.default_rng(8).standard_normal(count)
+    drawn[100:140] = np.nan
+    run = GapRun("r", "u", "p", "0", stimulus, stimulus.input_rate_dph + drawn, np.full(count, "run"))
+    assert _white_arw(run) == pytest.approx(ARW, rel=0.05)
+    (said,) = _of_noise(MODEL, [run])
+    assert f"the model has {ARW}" in said and f"as of {_white_arw(run):.3g} deg/sqrt(h)" in said
