@@ -184,8 +184,8 @@ ROOMS: dict[str, tuple[Part, ...]] = {
             "tests/analysis/gap/test_gap_one_diagnosis test_gap_platform test_gap_systems",
         ),
         _part(
-            "bench/analysis/gap/_fast _fast_data _fast_floor _fast_lines",
-            "tests/analysis/gap/test_gap_fast test_gap_aliases",
+            "bench/analysis/gap/_fast _fast_data _fast_floor _fast_lines _fast_spectrum _remarks",
+            "tests/analysis/gap/test_gap_fast test_gap_aliases test_gap_short_logs",
         ),
         _part(
             "bench/analysis/gap/_position",

@@ -15,8 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
-from scipy.optimize import least_squares
 
 from bench.analysis.calibration._compensation import ImuCompensation
 from bench.analysis.calibration._conventions import (
@@ -200,6 +198,8 @@ def _scatter(record: HandRecord) -> Array:
 
     Infinite where a sample is missing.
     """
+    from scipy.ndimage import uniform_filter1d  # here: procedures load without scipy (decision 0021)
+
     width = max(round(_WINDOW_S / record.period_s), 4)
     values = np.concatenate((record.force_mps2, record.rate_dps), axis=1)
     missing = np.isnan(values).any(axis=1)
@@ -276,6 +276,8 @@ def _accelerometers(means: Array, spread: Array, gravity_mps2: float) -> tuple[A
 
 def _fitted(off: Callable[[Array], Array], start: Array, rows: int) -> tuple[Array, Array]:
     """Return the least squares solution, and its covariance, larger where more is left than told."""
+    from scipy.optimize import least_squares  # here: as above
+
     found = least_squares(off, start, x_scale="jac")
     left = found.fun[:rows]
     scale = max(1.0, float(left @ left) / max(rows - len(start), 1))

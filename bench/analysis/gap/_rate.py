@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
@@ -14,7 +13,7 @@ from bench.analysis.gap._candidates import candidate_variants
 from bench.analysis.gap._causes import causes_of, models_with_and_without, nominal_beside
 from bench.analysis.gap._cells import BANDS, mixing
 from bench.analysis.gap._close import holding, shrinkage
-from bench.analysis.gap._data import SIGMA_OF_SECOND_DIFFERENCES, GapRun, Group, check_runs, unseen
+from bench.analysis.gap._data import GapRun, Group, check_runs, unseen
 from bench.analysis.gap._describe import UnknownPart, differing_parts, shaken_part, unknown_parts
 from bench.analysis.gap._disturbed import Disturbed, lines_hz, without_disturbances
 from bench.analysis.gap._findings import Cause, Finding, Place
@@ -23,12 +22,13 @@ from bench.analysis.gap._learn import Learned, learned
 from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._noise import Noise
 from bench.analysis.gap._prepare import Prepared, prepare
+from bench.analysis.gap._remarks import of_noise, of_same, of_time
 from bench.analysis.gap._signal import Signal
 from bench.analysis.gap._stochastic import DATA_SHEET, EFFECT_OF, NoiseVerdict
 from bench.analysis.gap._where import RegimePlace, phase_map, places, regime_map
 from bench.analysis.gap._which import Found, judged_sets, left_of_runs, second_look, set_weights
 from drivers.base.arrays import Array
-from simulators.effects import Input, Variant
+from simulators.effects import Variant
 
 _DOUBTED = 0.1
 """Probability of no gap from which on no cause is named, however probable one is beside it."""
@@ -165,9 +165,9 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
                 *data.notes,
                 *_warnings(ready),
                 *_of_lines(found, disturbed),
-                *_of_time(causes, runs),
-                *_of_same(data.model, runs),
-                *(_of_noise(data.model, runs) if unknown > 0.5 else ()),
+                *of_time(causes, runs),
+                *of_same(data.model, runs),
+                *(of_noise(data.model, runs) if unknown > 0.5 else ()),
             ),
             model=model,
             resembles=resembles,
@@ -328,46 +328,6 @@ def _of_lines(found: Found, disturbed: Disturbed) -> list[str]:
             if one.unit.symbol == "Hz"
         ]
     return [in_rows(frequency_hz, disturbed.runs).sentence for frequency_hz in lines]
-
-
-def _of_same(model: Model, runs: Sequence[GapRun]) -> list[str]:
-    """Say on what a further effect rests that is sought in the runs that a model was fitted on."""
-    same = [run.run_id for run in runs if model.fitted_on.get(run.run_id) == run.checksum]
-    if not same:
-        return []
-    return [
-        f"the model was fitted on {', '.join(same)}: what is found beside its terms rests on the same recording, "
-        "and is what these left of it; judge it on another (--held-out)"
-    ]
-
-
-def _of_noise(model: Model, runs: Sequence[GapRun]) -> list[str]:
-    """Say which white noise logs without finer rows show by themselves, beside the model's."""
-    if any(run.fast for run in runs):
-        return []  # the rows say it
-    arws = [_white_arw(run) for run in runs]
-    return [
-        f"white noise from sample to sample is as of {float(np.median(arws)):.3g} deg/sqrt(h), "
-        f"the model has {model.noise.arw_deg_per_sqrt_h:.3g}"
-    ]
-
-
-def _white_arw(run: GapRun) -> float:
-    """Return the angle random walk, deg/sqrt(h), that the median second difference of a run's samples shows."""
-    left = run.output_dph - run.stimulus.input_rate_dph
-    sigma_dph = float(np.nanmedian(np.abs(np.diff(left, 2)))) * SIGMA_OF_SECOND_DIFFERENCES
-    return sigma_dph * math.sqrt(run.stimulus.period_s) / 60.0
-
-
-def _of_time(causes: Sequence[Cause[Term]], runs: Sequence[GapRun]) -> list[str]:
-    """Say what a cause that follows the time since power-on is where nobody told that time."""
-    names = [cause.name for cause in causes if Input.TIME in cause.term.effect.inputs]
-    if not names or all(run.power_on_told for run in runs):
-        return []
-    return [
-        "when the unit was switched on is not told (power_on_s in the mapping): "
-        f"{' and '.join(names)} may be any drift that settles"
-    ]
 
 
 def _shaken(verdict: NoiseVerdict, runs: Sequence[GapRun]) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.base.arrays import Array
+from drivers.base.constants import ZERO_CELSIUS_K
 from drivers.base.errors import ConfigurationError
 from drivers.base.files import read_settings
 
@@ -83,7 +84,7 @@ class LogEntry(_Part):
     condition: str = "0"
     elevation_deg: float = 0.0
     angle_deg: float | None = None
-    air_temp_c: float | None = Field(default=None, ge=-273.15, le=1e4)
+    air_temp_c: float | None = Field(default=None, ge=-ZERO_CELSIUS_K, le=1e4)
     azimuth_error_deg: float = Field(default=0.0, ge=-360.0, le=360.0)
     power_on_s: float | None = Field(default=None, ge=0.0, le=1e10)
     started_utc: str = ""

@@ -178,7 +178,7 @@ def test_the_command_takes_a_mapping_and_writes_what_corrects_the_unit(tmp_path)
     assert (result["rests"], result["turns"], result["left_out"]) == (len(TURNS) + 1, len(TURNS) - 2, 2)
     compensation = ImuCompensation.load(tmp_path / "out" / "compensation.gyrocomp")
     assert np.degrees(compensation.parameters[:3]) == pytest.approx(EPS_DPS, abs=0.02)
-    assert result["gravity_rms_mps2"][1] < 2e-3
+    assert result["rms"]["gravity_mps2"][1] < 2e-3 and result["rms"]["turn_deg"] is None
     (tmp_path / "map.toml").write_text(MAPPING.replace("accelerometers.z", "# accelerometers.z"))
     with pytest.raises(ConfigurationError, match="three gyros and three accelerometers"):
         load_hand_record(tmp_path / "map.toml")

@@ -10,7 +10,7 @@ import pytest
 
 from bench.analysis.gap import closed_model, diagnose, parse_model, read_recordings
 from bench.analysis.gap._data import GapRun
-from bench.analysis.gap._rate import _of_noise, _white_arw
+from bench.analysis.gap._remarks import of_noise, white_arw
 from drivers.base.errors import ConfigurationError
 from simulators.effects import Stimulus
 
@@ -109,6 +109,6 @@ def test_white_noise_of_slow_logs_is_read_off_their_samples(period_s):
     drawn = 60.0 * ARW / math.sqrt(period_s) * np.random.default_rng(8).standard_normal(count)
     drawn[100:140] = np.nan
     run = GapRun("r", "u", "p", "0", stimulus, stimulus.input_rate_dph + drawn, np.full(count, "run"))
-    assert _white_arw(run) == pytest.approx(ARW, rel=0.05)
-    (said,) = _of_noise(MODEL, [run])
-    assert f"the model has {ARW}" in said and f"as of {_white_arw(run):.3g} deg/sqrt(h)" in said
+    assert white_arw(run) == pytest.approx(ARW, rel=0.05)
+    (said,) = of_noise(MODEL, [run])
+    assert f"the model has {ARW}" in said and f"as of {white_arw(run):.3g} deg/sqrt(h)" in said

@@ -49,8 +49,10 @@ def by_hand(
         rests=found.rests,
         turns=found.turns,
         left_out=found.left_out,
-        gravity_rms_mps2=list(found.gravity_rms_mps2),
-        direction_rms_deg=list(found.direction_rms_deg),
-        angle_rms_deg=None if turn_deg is None else list(found.angle_rms_deg),
+        rms={
+            "gravity_mps2": found.gravity_rms_mps2,
+            "direction_deg": found.direction_rms_deg,
+            "turn_deg": None if turn_deg is None else found.angle_rms_deg,
+        },
         folder=out,
     )

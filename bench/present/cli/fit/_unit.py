@@ -123,7 +123,10 @@ def calibration(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Calibrate an IMU from the record of a rotation scheme, or of turns by hand."""
+    """Calibrate an IMU from the record of a rotation scheme.
+
+    With --by-hand from a log in which it was turned by hand.
+    """
     if hand:
         by_hand(Terminal(as_json=as_json), record, out, gravity=gravity_mps2, turn_deg=turn_deg)
         return

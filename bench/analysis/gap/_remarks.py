@@ -1,0 +1,53 @@
+"""What is said beside a finding in the rate: what it rests on, and what else it may be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from bench.analysis.gap._data import SIGMA_OF_SECOND_DIFFERENCES, GapRun
+from bench.analysis.gap._findings import Cause
+from bench.analysis.gap._model_file import Model, Term
+from simulators.effects import Input
+
+
+def of_noise(model: Model, runs: Sequence[GapRun]) -> list[str]:
+    """Say which white noise logs without finer rows show by themselves, beside the model's."""
+    if any(run.fast for run in runs):
+        return []  # the rows say it
+    arws = [white_arw(run) for run in runs]
+    return [
+        f"white noise from sample to sample is as of {float(np.median(arws)):.3g} deg/sqrt(h), "
+        f"the model has {model.noise.arw_deg_per_sqrt_h:.3g}"
+    ]
+
+
+def white_arw(run: GapRun) -> float:
+    """Return the angle random walk, deg/sqrt(h), that the median second difference of a run's samples shows."""
+    left = run.output_dph - run.stimulus.input_rate_dph
+    sigma_dph = float(np.nanmedian(np.abs(np.diff(left, 2)))) * SIGMA_OF_SECOND_DIFFERENCES
+    return sigma_dph * math.sqrt(run.stimulus.period_s) / 60.0
+
+
+def of_time(causes: Sequence[Cause[Term]], runs: Sequence[GapRun]) -> list[str]:
+    """Say what a cause that follows the time since power-on is where nobody told that time."""
+    names = [cause.name for cause in causes if Input.TIME in cause.term.effect.inputs]
+    if not names or all(run.power_on_told for run in runs):
+        return []
+    return [
+        "when the unit was switched on is not told (power_on_s in the mapping): "
+        f"{' and '.join(names)} may be any drift that settles"
+    ]
+
+
+def of_same(model: Model, runs: Sequence[GapRun]) -> list[str]:
+    """Say on what a further effect rests that is sought in the runs that a model was fitted on."""
+    same = [run.run_id for run in runs if model.fitted_on.get(run.run_id) == run.checksum]
+    if not same:
+        return []
+    return [
+        f"the model was fitted on {', '.join(same)}: what is found beside its terms rests on the same recording, "
+        "and is what these left of it; judge it on another (--held-out)"
+    ]
