@@ -26,6 +26,7 @@ from bench.analysis.calibration._conventions import (
     PARAMETER_NAMES,
     PARAMETERS,
 )
+from bench.analysis.common.attitude import running_rotation
 from bench.analysis.common.statistics import stretches
 from drivers.base.arrays import Array
 from drivers.base.constants import EARTH_RATE_RAD_S
@@ -306,27 +307,8 @@ def _true_rates(move: _Move, eps: Array, kg: Array) -> Array:
 
 def _turned(move: _Move, direction: Array, eps: Array, kg: Array) -> Array:
     """Return where a direction that stands still is in the unit's axes after a turn, (3,)."""
-    steps = _true_rates(move, eps, kg) * move.period_s
-    half = 0.5 * np.linalg.norm(steps, axis=1, keepdims=True)
-    turns = np.concatenate((np.cos(half), 0.5 * np.sinc(half / math.pi) * steps), axis=1)
-    while len(turns) > 1:  # in pairs: products of neighbours, twice as far each time
-        odd = turns[-1:] if len(turns) % 2 else turns[:0]
-        turns = np.concatenate((_product(turns[0 : len(turns) - 1 : 2], turns[1::2]), odd))
-    scalar, vector = turns[0, 0], turns[0, 1:]
-    # seen from a unit that turns by q, what stands still turns by its inverse
-    return np.asarray(
-        direction
-        - 2.0 * scalar * np.cross(vector, direction)
-        + 2.0 * np.cross(vector, np.cross(vector, direction))
-    )
-
-
-def _product(left: Array, right: Array) -> Array:
-    """Return products of quaternions (k, 4), scalar first: the right one's turn comes after, in turned axes."""
-    a, u = left[:, :1], left[:, 1:]
-    b, v = right[:, :1], right[:, 1:]
-    scalar = a * b - (u * v).sum(axis=1, keepdims=True)
-    return np.concatenate((scalar, a * v + b * u + np.cross(u, v)), axis=1)
+    whole = running_rotation(_true_rates(move, eps, kg) * move.period_s)[-1]
+    return np.asarray(direction @ whole)
 
 
 def _gyros(

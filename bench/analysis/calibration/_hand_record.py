@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.calibration._by_hand import HandRecord
-from bench.analysis.common.statistics import stretches
+from bench.analysis.common.statistics import on_grid, stretches
 from bench.record.exchange import read_log, read_mapping
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
@@ -38,14 +38,11 @@ def load_hand_record(mapping_file: Path) -> tuple[HandRecord, float, Path]:
     log = read_log(file, mapping)
     period_s = float(np.median(np.diff(log.time_s)))
     place = np.rint((log.time_s - log.time_s[0]) / period_s).astype(np.int64)
-
-    def on_grid(names: list[str]) -> Array:
-        even = np.full((int(place[-1]) + 1, 3), np.nan)
-        even[place] = np.stack([log.columns[name] for name in names], axis=1)
-        return even
-
-    rates = on_grid(["output" if axis == mapping.axis else f"rate_{axis}" for axis in _AXES])
-    forces = on_grid([f"accelerometer_{axis}" for axis in _AXES])
+    gyros = ["output" if axis == mapping.axis else f"rate_{axis}" for axis in _AXES]
+    rates, forces = (
+        on_grid(place, np.stack([log.columns[name] for name in names], axis=1))
+        for names in (gyros, [f"accelerometer_{axis}" for axis in _AXES])
+    )
     return HandRecord(mapping.unit_id, period_s, rates, forces, saturated(rates)), mapping.latitude_deg, file
 
 

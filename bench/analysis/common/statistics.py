@@ -116,6 +116,13 @@ def hold(values: Array, known: NDArray[np.bool_] | None = None) -> Array:
     return np.asarray(values[np.where(last >= 0, last, int(np.argmax(known)))])
 
 
+def on_grid(place: NDArray[np.int64], values: Array) -> Array:
+    """Return values (m, ...) at their places (m,) on an even grid, (last place + 1, ...), NaN elsewhere."""
+    even = np.full((int(place[-1]) + 1, *values.shape[1:]), np.nan)
+    even[place] = values
+    return even
+
+
 def stretches(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Return (start, stop) of every stretch in which `mask` (n,) is true, shape (k, 2)."""
     edges = np.diff(np.concatenate(([False], mask, [False])).astype(np.int8))

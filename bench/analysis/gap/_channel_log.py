@@ -29,7 +29,21 @@ class LogSource(ChannelSource):
     def __init__(self, made: MappedLog) -> None:
         self._made = made
         self._time_s = made.log.time_s - made.log.time_s[0]
-        self.run_id, self.unit_id, self.checksum = made.run_id, made.mapping.unit_id, made.checksum
+
+    @property
+    def run_id(self) -> str:
+        """The log's id."""
+        return self._made.run_id
+
+    @property
+    def unit_id(self) -> str:
+        """The unit that the mapping names."""
+        return self._made.mapping.unit_id
+
+    @property
+    def checksum(self) -> str:
+        """The log's SHA-256."""
+        return self._made.checksum
 
     def phase_at(self, time_s: Array) -> NDArray[np.str_]:
         """Return the names of the mapping's phases."""

@@ -27,17 +27,17 @@ class RunSource(ChannelSource):
         self._run, self._gyro = run, gyro
 
     @property
-    def run_id(self) -> str:  # type: ignore[override]
+    def run_id(self) -> str:
         """The run's id."""
         return self._run.manifest.run_id
 
     @property
-    def unit_id(self) -> str:  # type: ignore[override]
+    def unit_id(self) -> str:
         """The unit's id, empty for none."""
         return self._run.manifest.unit(self._gyro) if self._gyro in self._run.manifest.units else ""
 
     @property
-    def checksum(self) -> str:  # type: ignore[override]
+    def checksum(self) -> str:
         """The run's checksum."""
         return self._run.checksum
 

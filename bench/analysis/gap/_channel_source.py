@@ -42,12 +42,23 @@ class Conditioning:
 class ChannelSource(ABC):
     """One recording; what it does not have is answered by the reason, a clause that a sentence can end with.
 
-    `run_id` and `checksum` name it, `unit_id` what was under test. Times are s from the recording's begin.
+    Times are s from the recording's begin.
     """
 
-    run_id: str
-    unit_id: str
-    checksum: str
+    @property
+    @abstractmethod
+    def run_id(self) -> str:
+        """The recording's id."""
+
+    @property
+    @abstractmethod
+    def unit_id(self) -> str:
+        """What was under test, empty for nothing."""
+
+    @property
+    @abstractmethod
+    def checksum(self) -> str:
+        """SHA-256 of the run's manifest, or of the log."""
 
     @abstractmethod
     def phase_at(self, time_s: Array) -> NDArray[np.str_]:

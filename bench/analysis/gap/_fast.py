@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._fast_floor import FastFloor, fast_floor
@@ -24,7 +23,7 @@ from bench.analysis.gap._fast_lines import (
 from bench.analysis.gap._findings import Cause, Finding, Place, Shrinkage
 from bench.analysis.gap._model_file import DisturbanceTerm, Model, by_parameter
 from bench.analysis.gap._signal import Signal
-from bench.analysis.gap._where import holm
+from bench.analysis.gap._where import by_share
 from drivers.base.arrays import Array
 from simulators.effects import Disturbance, catalogue
 
@@ -138,8 +137,9 @@ class FastSignal(Signal[GapRun, _Ready, tuple[FastLine, ...], FastFinding]):
             return finding
         parts, before, after = [], 0.0, 0.0
         for pool in fast_pools(held_out):
-            there = np.array([pool.power(line.frequency_hz, line.width_hz)[0] for line in named])
-            here = np.array([0.5 * line.amplitude_in(pool) ** 2 for line in named])
+            shown = [line for line in named if pool.shows(line.frequency_hz)]
+            there = np.array([pool.power(line.frequency_hz, line.width_hz)[0] for line in shown])
+            here = np.array([0.5 * line.amplitude_in(pool) ** 2 for line in shown])
             if there.sum() <= 0.0:
                 continue
             left = float(np.abs(there - here).sum())
@@ -156,12 +156,16 @@ class FastSignal(Signal[GapRun, _Ready, tuple[FastLine, ...], FastFinding]):
 
 
 def _is_known(line: FastLine, data: _Ready) -> bool:
-    """Return whether the model has the line: its frequency, or one that rows show there, and its amplitude."""
-    pool = data.pools[0]
+    """Return whether the model has the line: at its frequency, or where rows show that, with its amplitude."""
     for frequency_hz, amplitude_dph in data.known:
-        at_hz, seen_dph = _seen(frequency_hz, amplitude_dph, pool)
-        if abs(at_hz - line.frequency_hz) <= SAME_BINS * pool.bin_hz and line.everywhere:
-            return abs(line.amplitude_dph / max(seen_dph, 1e-12) - 1.0) <= _KNOWN
+        sizes = []
+        for pool in data.pools:
+            at_hz, seen_dph = _seen(frequency_hz, amplitude_dph, pool)
+            near = abs(at_hz - line.frequency_hz) <= SAME_BINS * pool.bin_hz
+            if near and pool.name in line.amplitudes_dph:
+                sizes.append(line.amplitudes_dph[pool.name] / max(seen_dph, 1e-12))
+        if sizes and all(abs(size - 1.0) <= _KNOWN for size in sizes):
+            return True
     return False
 
 
@@ -176,7 +180,8 @@ def _cause(line: FastLine, pools: Sequence[FastPool]) -> Cause[DisturbanceTerm |
     assert isinstance(effect, Disturbance)
     term = None
     if line.everywhere:
-        pool = max(pools, key=lambda own: own.freedom)
+        shown = [own for own in pools if own.shows(line.frequency_hz)]
+        pool = max(shown, key=lambda own: own.freedom)
         # rows are means, too: what they leave of the line is made good
         whole = max(abs(float(np.sinc(line.frequency_hz * pool.row_s))), _LEAST_LEFT)
         amplitude = math.sqrt(sum(own**2 for own in line.amplitudes_dph.values()) / len(line.amplitudes_dph))
@@ -209,16 +214,11 @@ def _places(data: _Ready, named: Sequence[FastLine]) -> list[Place]:
             freedom = pool.freedom * len(ratio) * HANN_FREEDOM
             excess = float((density[part] - floor[part]).sum()) * pool.bin_hz
             found.append(
-                Place(pool.profile, pool.phase, name, math.sqrt(max(excess, 0.0)), max(excess, 0.0),
+                Place(pool.profile, pool.part, name, math.sqrt(max(excess, 0.0)), max(excess, 0.0),
                       float(ratio.mean()), 1.0, pool.start_s)
             )  # fmt: skip
             degrees.append((float(ratio.mean()) / _TOLERATED * freedom, freedom))
-    p_values = holm(chi2.sf(*np.array(degrees).T))
-    shares = np.array([place.share for place in found]) * (p_values < 0.01)
-    shares /= max(float(shares.sum()), 1e-300)
-    rows = zip(found, shares.tolist(), p_values.tolist(), strict=True)
-    placed = [replace(place, share=share, p_value=p) for place, share, p in rows]
-    return sorted(placed, key=lambda place: -place.share)
+    return by_share(found, degrees)
 
 
 def _knocks(runs: Sequence[GapRun]) -> list[str]:

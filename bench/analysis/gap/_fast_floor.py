@@ -77,11 +77,6 @@ class FastFloor:
         return np.asarray((np.abs(1.0 - pole) ** 2 / size) ** 2)
 
     @property
-    def ratio(self) -> float:
-        """Angle random walk over the model's."""
-        return self.arw_deg_per_sqrt_h / self.model_arw
-
-    @property
     def sentence(self) -> str:
         """What the rows' noise is, beside the model's."""
         text = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -54,11 +55,22 @@ class FastPool:
     freedom: float
     turns_hz: float
     runs: int
+    several: bool = False
+    """Whether the phase has spectra of other rates, too."""
+
+    @property
+    def part(self) -> str:
+        """The phase, with the rate of the rows where it has several."""
+        return f"{self.phase}, rows at {1.0 / self.row_s:.4g} Hz" if self.several else self.phase
 
     @property
     def name(self) -> str:
-        """Profile and phase."""
-        return f"{self.profile}: {self.phase}"
+        """Profile and part."""
+        return f"{self.profile}: {self.part}"
+
+    def shows(self, frequency_hz: float) -> bool:
+        """Return whether rows are fine enough for a frequency."""
+        return frequency_hz <= float(self.frequency_hz[-1])
 
     @cached_property
     def level(self) -> Array:
@@ -72,7 +84,7 @@ class FastPool:
 
     def around(self, frequency_hz: float, width_hz: float) -> slice:
         """Return the bins of a line, or of a band so wide."""
-        half = max(0.5 * width_hz / self.bin_hz, 0.0) + MAIN_LOBE
+        half = 0.5 * width_hz / self.bin_hz + MAIN_LOBE
         middle = frequency_hz / self.bin_hz - 1.0
         return slice(max(math.floor(middle - half), 0), math.ceil(middle + half) + 1)
 
@@ -83,6 +95,8 @@ class FastPool:
         """
         lobes, own = np.zeros(len(self.density)), np.zeros(len(self.density), np.bool_)
         for frequency_hz, width_hz in lines:
+            if not self.shows(frequency_hz):
+                continue
             off = (self.frequency_hz - frequency_hz) / self.bin_hz
             shape = np.sinc(off) / np.where(np.abs(np.abs(off) - 1.0) < 1e-6, np.inf, 1.0 - off**2)
             lobes += self.power(frequency_hz, width_hz)[0] / self.bin_hz / _HANN_BINS * shape**2
@@ -97,8 +111,6 @@ class FastPool:
 
     def stands(self, line: Line) -> bool:
         """Return whether a line rises from lower ground on both sides; the skirt of a stronger one does not."""
-        if line.broad:
-            return True
         at = max(round(line.frequency_hz / self.bin_hz) - 1, 0)
         top = float(self.density[max(at - 1, 0) : at + 2].max())
         sides = self.density[max(at - _BESIDE_BINS, 0) : at], self.density[at + 1 : at + 1 + _BESIDE_BINS]
@@ -117,8 +129,8 @@ class FastLine:
     """A line or band: amplitude in deg/h of a sine of its power, by phase ("profile: phase").
 
     `order`: which harmonic of the table's turn it is, 0 for none. `turning`: it is there only while the table
-    turns, whose own rate it may be. `everywhere`: in every phase, so that it is a
-    term of a closed model. Its cause may lie at any multiple of the rows' rate plus or minus the frequency.
+    turns, whose own rate it may be. `everywhere`: in every phase whose rows are fine enough, so that it is a term
+    of a closed model. Its cause may lie at any multiple of the rows' rate plus or minus the frequency.
     """
 
     frequency_hz: float
@@ -168,7 +180,9 @@ def fast_pools(runs: Sequence[GapRun]) -> tuple[FastPool, ...]:
             )  # fmt: skip
             key = run.profile, own.phase, len(own.density), round(own.row_s, 9)
             by_place.setdefault(key, []).append(pool)
-    return tuple(_mean(pools) for pools in by_place.values())
+    found = [_mean(pools) for pools in by_place.values()]
+    often = Counter((pool.profile, pool.phase) for pool in found)
+    return tuple(replace(pool, several=often[pool.profile, pool.phase] > 1) for pool in found)
 
 
 def _mean(pools: Sequence[FastPool]) -> FastPool:
@@ -217,7 +231,9 @@ def lines_of(pools: Sequence[FastPool], floor: FastFloor) -> list[FastLine]:
             own = pool.around(line.frequency_hz, 0.0)
             near_hz = SAME_BINS * pool.bin_hz
             known = any(abs(line.frequency_hz - other) <= near_hz for other, _ in lines)
-            if not line.broad and not known and pool.density[own].max() >= least and pool.stands(line):
+            if line.broad or known or not pool.shows(line.frequency_hz):
+                continue
+            if pool.density[own].max() >= least and pool.stands(line):
                 lines.append((line.frequency_hz, line.width_hz))
     bands = _joined([band for pool in pools for band in _bands(pool, floor, lines)])
     found = [_line(pools, *line) for line in lines] + [_band(pools, floor, lines, *band) for band in bands]
@@ -225,7 +241,8 @@ def lines_of(pools: Sequence[FastPool], floor: FastFloor) -> list[FastLine]:
 
 
 def _line(pools: Sequence[FastPool], frequency_hz: float, width_hz: float) -> FastLine:
-    """Return a line with its amplitude in every pool."""
+    """Return a line with its amplitude in every pool that shows its frequency."""
+    pools = [pool for pool in pools if pool.shows(frequency_hz)]
     both = [pool.power(frequency_hz, width_hz) for pool in pools]
     amplitudes = {pool.name: math.sqrt(2.0 * power) for pool, (power, _) in zip(pools, both, strict=True)}
     largest = max(power for power, _ in both)
@@ -253,6 +270,7 @@ def _band(
     high_hz: float,
 ) -> FastLine:
     """Return a band between two frequencies: middle of its power, width, amplitudes of a sine of its power."""
+    pools = [pool for pool in pools if pool.shows(high_hz)] or pools
     powers, middles = [], []
     for pool in pools:
         own = slice(*np.searchsorted(pool.frequency_hz, (low_hz, high_hz)).tolist())

@@ -23,28 +23,19 @@ from drivers.base.errors import ConfigurationError
 from simulators.effects import Stimulus
 
 
-def read_mapped_runs(path: Path, axis: str | None = None) -> list[GapRun]:
+def read_mapped_runs(path: Path, gyro: str | None = None) -> list[GapRun]:
     """Return the runs that a mapping file lists (see `bench.record.exchange.read_mapping`), as means over
-    as many rows as make up 1 s or more; `axis`: another of its gyros than that of test.
+    as many rows as make up 1 s or more; `gyro`: the axis of another of its gyros than that of test.
 
     A temperature that is not recorded is taken to equal the other one: the diagnosis says what is then not seen.
     ConfigurationError says what a mapping or file lacks.
     """
-    return [rate_of(made, axis) for made in mapped_logs(path)]
+    return [rate_of(made, gyro) for made in mapped_logs(path)]
 
 
 def read_imported_run(run: Run) -> GapRun:
     """Return a run made by `gyrobench import`, from the log and the mapping that it keeps."""
     return rate_of(imported_log(run))
-
-
-def rate_of(made: MappedLog, axis: str | None = None) -> GapRun:
-    """Return the rate of a log's gyro, of another axis than that of test if told.
-
-    ConfigurationError for a log without one.
-    """
-    run = _run(made.entry, made.mapping, made.file, made.log, axis)
-    return replace(run, run_id=made.run_id, checksum=made.checksum)
 
 
 def axes_of(mapping: Mapping) -> list[str]:
@@ -53,9 +44,14 @@ def axes_of(mapping: Mapping) -> list[str]:
     return [mapping.axis] if mapping.columns.output is not None or mapping.axis not in named else list(named)
 
 
-def _run(entry: LogEntry, mapping: Mapping, file: Path, log: Log, axis: str | None = None) -> GapRun:
-    axis = axis or mapping.axis
-    log = _of_axis(log, mapping, axis, file.name)
+def rate_of(made: MappedLog, gyro: str | None = None) -> GapRun:
+    """Return the rate of a log's gyro: that of test, by its name in the mapping, too, or that of an axis.
+
+    ConfigurationError for a log without such a gyro.
+    """
+    entry, mapping = made.entry, made.mapping
+    axis = mapping.axis if gyro in (None, mapping.gyro) else str(gyro)
+    log = _of_axis(made.log, mapping, axis, made.file.name)
     rows = log.columns["output"]
     held = held_rows(rows)
     steps, turned_deg = _steps(log, held)
@@ -75,24 +71,24 @@ def _run(entry: LogEntry, mapping: Mapping, file: Path, log: Log, axis: str | No
         finer = FastRows(np.where(owner < 0, np.nan, even), steps.usual_s, owner, stimulus, phases)
         fast, output = finer.spectra, output - finer.alias_dph
     return GapRun(
-        entry.run_id or file.stem,
+        made.run_id,
         mapping.unit_id if axis == mapping.axis else f"{mapping.unit_id} {axis}",
-        entry.profile or file.stem,
+        entry.profile or made.file.stem,
         entry.condition,
         stimulus,
         output,
         phases,
-        "",
-        float(held.mean()),
-        3600.0 * finest_angle_deg(rows, log.time_s, steps.usual_s),
-        simulated,
-        even,
-        steps.usual_s,
-        (*log.remarks, *around.remarks),
-        fast,
-        around.unknown_dph,
-        around.rest_s,
-        entry.power_on_s is not None,
+        made.checksum,
+        lost_fraction=float(held.mean()),
+        finest_arcsec=3600.0 * finest_angle_deg(rows, log.time_s, steps.usual_s),
+        simulated=simulated,
+        rows_dps=even,
+        row_s=steps.usual_s,
+        remarks=(*log.remarks, *around.remarks),
+        fast=fast,
+        unknown_dph=around.unknown_dph,
+        unknown_time_s=around.rest_s,
+        power_on_told=entry.power_on_s is not None,
     )
 
 
@@ -110,7 +106,7 @@ def _of_axis(log: Log, mapping: Mapping, axis: str, where: str) -> Log:
             "the mapping file names no such gyro",
             where=where,
             found=axis,
-            expected=", ".join(axes_of(mapping)),
+            expected=", ".join([mapping.gyro, *axes_of(mapping)]),
         )
     if axis == mapping.axis:
         return log

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import poisson
 
+from bench.analysis.common.statistics import on_grid
 from bench.analysis.gap._rows import Steps
 from drivers.base.arrays import Array
 
@@ -39,9 +40,9 @@ def even_rows(steps: Steps, rows: Array) -> tuple[Array | None, NDArray[np.int64
         or steps.usual_s > 0.5 * steps.period_s
     ):
         return None, place
-    even, owner = np.full(int(place[-1]) + 1, np.nan), np.full(int(place[-1]) + 1, -1)
-    even[place], owner[place] = rows, steps.owner
-    return even, owner
+    owner = np.full(int(place[-1]) + 1, -1)
+    owner[place] = steps.owner
+    return on_grid(place, rows), owner
 
 
 def finest_angle_deg(rows: Array, time_s: Array, usual_s: float) -> float:

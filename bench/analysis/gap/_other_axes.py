@@ -10,21 +10,18 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.common.statistics import stretches
+from bench.analysis.common.statistics import on_grid, stretches
 from bench.analysis.gap._data import interpolated
 from bench.analysis.gap._rows import Steps
 from bench.analysis.look import Motion, level_steps, motion_of
 from drivers.base.arrays import Array
-from drivers.base.constants import (
-    DPH_PER_DPS,
-    STANDARD_GRAVITY_MPS2,
-    earth_rate_north_dph,
-)
+from drivers.base.constants import DPH_PER_DPS, STANDARD_GRAVITY_MPS2, earth_rate_north_dph
 
 AXES = "xyz"
 _LEAST_TURN_DEG = 1.0
 """Change of attitude between two rests from which on the unit was moved between them."""
 _SAME_STEPS = 64
+"""Steps by which two axes may tell one tilt apart."""
 _LEAST_ATTITUDES = 6
 """Attitudes from which on a bias that depends on them is more than as many biases: twice the parameters."""
 _MOST_MOVING = 0.5
@@ -199,16 +196,9 @@ def _motion(
     gyros = {name: columns.get(f"rate_{name}") for name in AXES} | {axis: columns["output"]}
     named = {name: values for name, values in gyros.items() if values is not None}
     place = np.rint((steps.time_s - steps.time_s[0]) / steps.usual_s).astype(np.int64)
-    count = int(place[-1]) + 1
-
-    def on_grid(values: Array) -> Array:
-        even = np.full(count, np.nan)
-        even[place] = values
-        return even
-
-    forces = [on_grid(columns[f"accelerometer_{each}"]) for each in AXES] if heavy else []
-    rates = [on_grid(values) for values in named.values()]
-    return motion_of(rates, list(named), forces, count, 1.0 / steps.usual_s, dps=True), place
+    forces = [on_grid(place, columns[f"accelerometer_{each}"]) for each in AXES] if heavy else []
+    rates = [on_grid(place, values) for values in named.values()]
+    return motion_of(rates, list(named), forces, len(rates[0]), 1.0 / steps.usual_s, dps=True), place
 
 
 def _rests(motion: Motion, place: NDArray[np.int64], steps: Steps) -> NDArray[np.bool_]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bench.analysis.gap._channel_data import ChannelSeries, channels_of
@@ -11,11 +11,10 @@ from bench.analysis.gap._channel_log import LogSource
 from bench.analysis.gap._channel_run import RunSource
 from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._diagnose import Recording
-from bench.analysis.gap._import import axes_of, rate_of, read_mapped_runs
+from bench.analysis.gap._import import axes_of, rate_of
 from bench.analysis.gap._mapped import MappedLog, imported_log, mapped_logs
 from bench.analysis.gap._position import PositionRun, is_platform_run, load_platform_run
 from bench.analysis.gap._run_folder import gyros_of, load_gap_runs, named_gyro
-from bench.record.exchange import read_mapping
 from bench.record.recording import Run
 from drivers.base.errors import ConfigurationError
 
@@ -82,15 +81,24 @@ def read_recordings(
 def read_batch(paths: Sequence[Path]) -> list[GapRun]:
     """Return the rate's runs of every gyro of run folders, and those of every axis of mapping files (.toml).
 
+    An axis of several is a unit of its own ("SN123 y"); of mapping files that name one log its axes come once.
     ConfigurationError for what cannot be read, and for runs of a platform.
     """
-    runs: list[GapRun] = []
+    runs: dict[tuple[str, str, str], GapRun] = {}
     for path in paths:
         if path.suffix == ".toml":
-            runs += [run for axis in axes_of(read_mapping(path)) for run in read_mapped_runs(path, axis)]
+            found = [run for made in mapped_logs(path) for run in _every_axis(made)]
         else:
-            runs += [run for gyro in gyros_of(Run.open(path)) for run in load_gap_runs(path, gyro)]
-    return runs
+            found = [run for gyro in gyros_of(Run.open(path)) for run in load_gap_runs(path, gyro)]
+        runs |= {(run.unit_id, run.run_id, run.checksum): run for run in found}
+    return list(runs.values())
+
+
+def _every_axis(made: MappedLog) -> Iterator[GapRun]:
+    axes = axes_of(made.mapping)
+    for axis in axes:
+        run = rate_of(made, axis)
+        yield run if len(axes) == 1 else replace(run, unit_id=f"{made.mapping.unit_id} {axis}")
 
 
 def load_channels(folder: Path, gyro: str | None = None) -> tuple[list[ChannelSeries], dict[str, str]]:
@@ -113,8 +121,7 @@ def _read(paths: Sequence[Path], gyro: str | None) -> tuple[list[Recording], dic
                 series, without = channels_of(LogSource(made))
                 if not series and not made.has_rate:
                     raise _nothing_in(made, without)
-                axis = gyro if path.suffix == ".toml" else None
-                runs += [rate_of(made, axis)] if made.has_rate else []
+                runs += [rate_of(made, gyro)] if made.has_rate else []
                 runs += series
                 missing |= without
         else:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.calibration import load_calibration_run
+from bench.analysis.common.statistics import on_grid
 from bench.analysis.gap._data import SIGMA_OF_SECOND_DIFFERENCES, GapRun, interpolated, stand_ins
 from bench.analysis.gap._fast_data import FastRows
 from bench.analysis.gap._import import read_imported_run
@@ -138,8 +139,7 @@ def _rows(run: Run, gyro: str, start_s: int, end_s: int) -> tuple[Array, float, 
     at_s = seconds(table)
     row_s = float((at_s[-1] - at_s[0]) / place[-1])
     place += max(round((float(at_s[0]) - start_s) / row_s) - 1, 0)
-    rows = np.full(int(place[-1]) + 1, np.nan)
-    rows[place] = np.where(table["valid"], table["rate_dps"], np.nan)
+    rows = on_grid(place, np.where(table["valid"], table["rate_dps"], np.nan))
     owner = np.full(len(rows), -1)
     owner[place] = np.maximum(second_rows(table, start_s), 0)
     return rows, row_s, owner

@@ -102,14 +102,22 @@ def phase_map(groups: Sequence[Group], residuals: Sequence[Array], floor: Floor,
                     Place(group.profile, phase, BANDS[band], float(rms), excess, ratio, 1.0, start_s)
                 )
                 degrees.append((own, max(floor_energy, 1.0)))
+    return by_share(found, degrees)
+
+
+def by_share(found: Sequence[Place], degrees: Sequence[tuple[float, float]]) -> list[Place]:
+    """Return places with p-values and shares of the gap in those clear of noise, largest share first.
+
+    Their `share` is what they have of the gap, in any unit; `degrees` their energies with the degrees of freedom.
+    """
     p_values = holm(chi2.sf(*np.array(degrees).T))
     shares = np.array([place.share for place in found]) * (p_values < SIGNIFICANT)
     shares /= max(float(shares.sum()), 1e-300)
-    found = [
+    judged = [
         replace(place, share=float(share), p_value=float(p))
         for place, share, p in zip(found, shares, p_values, strict=True)
     ]
-    return sorted(found, key=lambda place: -place.share)
+    return sorted(judged, key=lambda place: -place.share)
 
 
 def in_time(coefficients: Array, part: slice) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 from bench.present.report._figures import Curve, Lane, Panel, lanes
 from bench.present.report._gap_channels import channel_blocks, channels_page
 from bench.present.report._gap_fast import fast_blocks
+from bench.present.report._gap_frame import gap_frame
 from bench.present.report._gap_where import (
     OF_RUNS,
     before_closed,
@@ -20,11 +21,10 @@ from bench.present.report._gap_where import (
     left_over_panels,
     where_blocks,
 )
-from bench.present.report._numbers import DASH, fixed, moment, plain_name, significant
+from bench.present.report._numbers import DASH, fixed, plain_name, significant
 from bench.present.report._page import (
     Block,
     Cell,
-    Fact,
     Headline,
     Notes,
     Page,
@@ -37,11 +37,19 @@ from bench.present.report._page import (
 )
 from bench.present.report._palette import PURPLE
 from bench.present.report._parts import warnings
-from bench.present.report._tables import checksum_table
 from bench.present.sentences import learned_sentences
 
 if TYPE_CHECKING:
-    from bench.analysis.gap import Cause, Diagnosis, Difference, RateFinding, Shrinkage, Suggestion, Term
+    from bench.analysis.gap import (
+        Cause,
+        Diagnosis,
+        Difference,
+        FastFinding,
+        RateFinding,
+        Shrinkage,
+        Suggestion,
+        Term,
+    )
 
 _VERDICTS: dict[str, tuple[str, Tone]] = {
     "no gap": ("No gap beyond noise", "good"),
@@ -78,35 +86,29 @@ def gap_page(
         return channels_page(diagnosis, created_utc=created_utc, model_file=model_file)
     shrunk = next(iter(found.held_out), None)
     hidden = [f"{plain_name(name)}: {reason}" for name, reason in found.unidentifiable.items()]
-    return Page(
-        title=f"Simulation against bench: unit {diagnosis.unit_id}",
-        kind="Sim-to-real gap report",
-        facts=[
-            Fact("Unit under test", diagnosis.unit_id),
-            Fact("Nominal model", model_file),
-            Fact("Runs", str(len(diagnosis.run_checksums))),
-            Fact("Noise floor from", found.noise.source),
-            Fact("Report made", moment(created_utc)),
-        ],
-        verdict=_verdict(found, shrunk),
-        sections=[
-            warnings(found.warnings),
-            Section("Where", where_blocks(found)),
-            Section("Which", [*_causes(found), *_unknown(found)]),
-            Section("How far", [*_how_far(shrunk), *_difference_panels(found, differences)]),
-            Section("What is left", _left(found)),
-            Section("Faster than 1 s", fast_blocks(diagnosis.fast)),
-            Section("Other channels", channel_blocks(diagnosis.channels)),
-            Section("What next", _next(suggestions)),
-            Section("Not to be seen in these runs", [Notes(hidden)]),
-            Section("Provenance", checksum_table(diagnosis.run_checksums, "Runs diagnosed, by checksum.")),
-        ],
-        terms=_TERMS,
-        colophon="All figures are computed from the runs and the model named above; times are UTC.",
+    sections = [
+        warnings(found.warnings),
+        Section("Where", where_blocks(found)),
+        Section("Which", [*_causes(found), *_unknown(found)]),
+        Section("How far", [*_how_far(shrunk), *_difference_panels(found, differences)]),
+        Section("What is left", _left(found)),
+        Section("Faster than 1 s", fast_blocks(diagnosis.fast)),
+        Section("Other channels", channel_blocks(diagnosis.channels)),
+        Section("What next", _next(suggestions)),
+        Section("Not to be seen in these runs", [Notes(hidden)]),
+    ]
+    return gap_frame(
+        diagnosis,
+        _verdict(found, shrunk, diagnosis.fast),
+        sections,
+        _TERMS,
+        created_utc=created_utc,
+        model_file=model_file,
+        floor_source=found.noise.source,
     )
 
 
-def _verdict(found: RateFinding, shrunk: Shrinkage | None) -> Verdict:
+def _verdict(found: RateFinding, shrunk: Shrinkage | None, fast: FastFinding | None) -> Verdict:
     sentences = [
         f"{plain_name(cause.name).capitalize()}: {cause.meaning}"
         + (f" These runs do not tell it from {_rivals(cause)}." if cause.alternatives else "")
@@ -125,6 +127,10 @@ def _verdict(found: RateFinding, shrunk: Shrinkage | None) -> Verdict:
             sentences = [
                 "The stimulus is constant in these runs; they cannot show what an effect depends on."
             ]
+    faster = fast is not None and fast.verdict != "no gap"
+    if fast is not None and faster:
+        swings = "; ".join(line.sentence for line in fast.lines) or "more power than the noise has"
+        sentences.append(f"Above 0.5 Hz {fast.verdict}: {swings}.")
     headlines = [
         Headline(_one_of(cause), fixed(100.0 * cause.acts, 0), "%", note="probability")
         for cause in found.causes
@@ -142,7 +148,10 @@ def _verdict(found: RateFinding, shrunk: Shrinkage | None) -> Verdict:
         )
     word, tone = _VERDICTS[found.verdict]
     doubtful = shrunk is not None and shrunk.caution and found.causes
-    return Verdict(word, "doubt" if doubtful else tone, sentences, headlines)
+    elsewhere = fast is not None and faster and fast.verdict != found.verdict
+    return Verdict(
+        word, "doubt" if doubtful or (elsewhere and tone == "good") else tone, sentences, headlines
+    )
 
 
 def _one_of(cause: Cause[Term]) -> str:

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bench.present.report._figures import Lane, lanes
+from bench.present.report._gap_frame import gap_frame
 from bench.present.report._gap_where import before_closed, gap_map, keys_of
-from bench.present.report._numbers import DASH, fixed, moment, plain_name, significant
+from bench.present.report._numbers import DASH, fixed, plain_name, significant
 from bench.present.report._page import (
     Block,
-    Fact,
     Headline,
     Notes,
     Page,
@@ -24,7 +24,6 @@ from bench.present.report._page import (
     Verdict,
     named,
 )
-from bench.present.report._tables import checksum_table
 
 if TYPE_CHECKING:
     from bench.analysis.gap import ChannelFinding, Diagnosis
@@ -59,28 +58,14 @@ def channels_page(diagnosis: Diagnosis, *, created_utc: str, model_file: str) ->
     doubtful = any(channel.caution for channel in named_channels)
     word, tone = _VERDICTS[diagnosis.verdict]
     blocks = channel_blocks(diagnosis.channels)
-    return Page(
-        title=f"Simulation against bench: unit {diagnosis.unit_id}",
-        kind="Sim-to-real gap report",
-        facts=[
-            Fact("Unit under test", diagnosis.unit_id),
-            Fact("Nominal model", model_file),
-            Fact("Runs", str(len(diagnosis.run_checksums))),
-            Fact("Report made", moment(created_utc)),
-        ],
-        verdict=Verdict(
-            word,
-            "doubt" if doubtful else tone,
-            sentences or ["The recordings have no gyro: the channels are diagnosed alone."],
-            [headline for channel in named_channels for headline in _headline(channel)],
-        ),
-        sections=[
-            Section("Channels", blocks or [Notes([_hidden(diagnosis.channels)])]),
-            Section("Provenance", checksum_table(diagnosis.run_checksums, "Runs diagnosed, by checksum.")),
-        ],
-        terms=_TERMS,
-        colophon="All figures are computed from the runs and the model named above; times are UTC.",
+    verdict = Verdict(
+        word,
+        "doubt" if doubtful else tone,
+        sentences or ["The recordings have no gyro: the channels are diagnosed alone."],
+        [headline for channel in named_channels for headline in _headline(channel)],
     )
+    sections = [Section("Channels", blocks or [Notes([_hidden(diagnosis.channels)])])]
+    return gap_frame(diagnosis, verdict, sections, _TERMS, created_utc=created_utc, model_file=model_file)
 
 
 def _headline(channel: ChannelFinding) -> list[Headline]:

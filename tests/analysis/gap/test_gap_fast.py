@@ -16,6 +16,7 @@ from bench.analysis.gap import Model, Noise, closed_model, diagnose, parse_model
 from bench.analysis.gap._fast_data import FastRows
 from bench.analysis.gap._fast_floor import FastFloor, density_of, fast_floor
 from bench.analysis.gap._fast_lines import FastPool, _line
+from bench.present.report import gap_page
 from simulators.effects import Stimulus
 
 RATE_HZ, DURATION_S, ARW = 200.0, 480.0, 0.02
@@ -305,3 +306,36 @@ def test_a_slow_line_beside_one_that_the_model_has_is_named(tmp_path):
     given = read_recordings([file])
     assert "vibration_or_mains_line" in diagnose(given.runs, model(text)).rate.stochastic
     assert not diagnose(given.runs, model(text.replace("= 0.11", "= 0.37"))).rate.stochastic
+
+
+def test_rows_of_several_rates_each_show_what_they_can(tmp_path):
+    """A line at 71.3 Hz in rows at 200 Hz, and rows at 50 Hz of another run beside them."""
+    line = 14.0 * np.sin(2 * np.pi * 71.3 * TIME_S)
+    fine = log(tmp_path, "fine", noise(41) + line, 'profile = "day"\n')
+    coarse = log(tmp_path, "coarse", noise(42), 'profile = "day"\n')
+    rows = np.loadtxt(tmp_path / "coarse.csv", delimiter=",", skiprows=1)
+    rate_dps = rows[:, 1].reshape(-1, 4).mean(axis=1)
+    table = np.column_stack([np.arange(len(rate_dps)) * 0.02, rate_dps])
+    np.savetxt(tmp_path / "coarse.csv", table, "%.9g", ",", header="t,rate", comments="")
+    for order in ([fine, coarse], [coarse, fine]):
+        fast = diagnose(read_recordings(order).runs, model()).fast
+        (found_line,) = fast.lines
+        assert found_line.frequency_hz == pytest.approx(71.3, abs=0.03) and found_line.everywhere
+        assert dict(found_line.amplitudes_dph) == {"day: run, rows at 200 Hz": pytest.approx(14.0, rel=0.05)}
+        assert {place.part for place in fast.places} == {"run, rows at 200 Hz", "run, rows at 50 Hz"}
+    apart = read_recordings([fine], [coarse])
+    assert not diagnose(apart.runs, model(), apart.held_out).fast.held_out  # its rows cannot show the line
+
+
+def test_the_report_says_what_is_above_half_a_hertz(tmp_path):
+    result = found(log(tmp_path, "a", noise(1) + 14.0 * np.sin(2 * np.pi * 71.3 * TIME_S)))
+    page = gap_page(result, [], created_utc="2026-01-01T00:00:00+00:00", model_file="nominal.toml")
+    assert page.verdict.tone == "doubt"
+    assert any("a line at 71.3" in sentence for sentence in page.verdict.sentences)
+    quiet = gap_page(
+        found(log(tmp_path, "b", noise(2))),
+        [],
+        created_utc="2026-01-01T00:00:00+00:00",
+        model_file="nominal.toml",
+    )
+    assert not any("0.5 Hz" in sentence for sentence in quiet.verdict.sentences)

@@ -117,10 +117,14 @@ def test_an_imu_s_axes_are_a_batch_and_what_each_has_is_its_own(tmp_path):
     ups = np.concatenate((UP, UP))
     file = mapping(tmp_path, columns(ups, lambda axis, up: 30.0 * up[axis] if axis == 1 else 0.0))
     runs = read_batch([file])
-    assert [run.unit_id for run in runs] == ["imu", "imu y", "imu z"]
+    assert [run.unit_id for run in runs] == ["imu x", "imu y", "imu z"]
+    # a mapping a gyro, as `look --write` makes them, names the same axes again
+    other = tmp_path / "map_y.toml"
+    other.write_text(file.read_text().replace("format = 1", 'format = 1\naxis = "y"'))
+    assert sorted(run.unit_id for run in read_batch([file, other])) == ["imu x", "imu y", "imu z"]
     batch = diagnose_batch(runs, MODEL)
-    assert set(batch.units) == {"imu", "imu y", "imu z"}
-    assert not batch.units["imu"].causes and not batch.units["imu z"].causes
+    assert set(batch.units) == {"imu x", "imu y", "imu z"}
+    assert not batch.units["imu x"].causes and not batch.units["imu z"].causes
     (cause,) = batch.units["imu y"].rate.causes
     assert cause.term.values[0] == pytest.approx(30.0, abs=4.0 * cause.term.sigmas[0])
 
@@ -166,6 +170,10 @@ def test_an_axis_that_the_mapping_does_not_name_is_refused(tmp_path):
     file = mapping(tmp_path, columns(UP[:5], lambda *_: 0.0))
     with pytest.raises(ConfigurationError, match="no such gyro"):
         read_mapped_runs(file, "fog_1")
+    named = file.read_text().replace("format = 1", 'format = 1\ngyro = "fog_1"')
+    file.write_text(named)  # the name that the gyro has in runs beside it
+    (run,) = read_mapped_runs(file, "fog_1")
+    assert run.unit_id == "imu"
 
 
 def test_forces_that_are_not_gravity_tell_no_attitude(tmp_path):

@@ -374,7 +374,7 @@ def test_a_cause_of_two_formulas_is_told_closed_and_shown_as_one():
     assert found.closing[:2] == ("shupe", "warm_up")
     text = _text._rivals(one)
     assert text == "; they follow the same, so one mechanism acts: shupe or warm_up (95 %)"
-    verdict = _gap._verdict(found, None)
+    verdict = _gap._verdict(found, None, None)
     assert verdict.headlines[0].label == "shupe or warm up" and verdict.headlines[0].value == "95"
     row = _gap._cause_row(one, 1.0, "named")
     assert "one mechanism with what follows the same: shupe or warm up, 95 %" in row.cells[2].text
