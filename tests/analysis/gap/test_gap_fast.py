@@ -15,7 +15,7 @@ from bench.analysis.common.spectrum import freedom_of, power_density
 from bench.analysis.gap import Model, Noise, closed_model, diagnose, parse_model, read_recordings
 from bench.analysis.gap._fast_data import FastRows
 from bench.analysis.gap._fast_floor import FastFloor, density_of, fast_floor
-from bench.analysis.gap._fast_lines import FastPool, _line
+from bench.analysis.gap._fast_lines import FastPool, _joined, _line
 from bench.present.report import gap_page
 from simulators.effects import Stimulus
 
@@ -339,3 +339,21 @@ def test_the_report_says_what_is_above_half_a_hertz(tmp_path):
         model_file="nominal.toml",
     )
     assert not any("0.5 Hz" in sentence for sentence in quiet.verdict.sentences)
+
+
+@pytest.mark.parametrize("off_bins", [0.0, 0.4, -0.3])
+def test_a_line_s_wave_is_followed_also_where_its_frequency_is_known_by_a_part_of_a_bin(off_bins):
+    count = int(DURATION_S)
+    still = np.full(count, 25.0)
+    stimulus = Stimulus(np.arange(1.0, count + 1.0), still, still, np.zeros(count + 1), np.zeros(count), 0.0)
+    wave = 0.01 * np.sin(2 * np.pi * 71.3 * TIME_S + 0.7)
+    owner = np.floor(TIME_S).astype(np.int64)
+    rows = FastRows(wave + 5.0, 1.0 / RATE_HZ, owner, stimulus, np.full(count, "run"))
+    bin_hz = RATE_HZ / rows._size
+    followed = rows._wave(71.3 + off_bins * bin_hz, rows._segments["run"].tolist())
+    inside = slice(rows._size, -rows._size)
+    np.testing.assert_allclose(followed[inside], wave[inside], atol=1e-5)
+
+
+def test_bands_of_several_phases_that_touch_are_one():
+    assert _joined([(5.0, 6.0), (1.5, 3.0), (1.0, 2.0), (2.9, 2.95), (6.0, 7.0)]) == [(1.0, 3.0), (5.0, 7.0)]

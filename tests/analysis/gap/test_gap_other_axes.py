@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from bench.analysis.gap import diagnose, diagnose_batch, parse_model, read_batch, read_recordings
 from bench.analysis.gap._import import read_mapped_runs
+from bench.analysis.gap._other_axes import _rests
 from bench.analysis.gap._rate import _with_unknown_rate
 from drivers.base.constants import EARTH_RATE_DPH
 from drivers.base.errors import ConfigurationError
@@ -226,3 +228,12 @@ def test_a_gyro_that_turns_most_of_the_time_is_left_as_it_is_and_that_is_said(tm
     noise = 0.01 * np.random.default_rng(2).standard_normal(len(time_s))
     (run,) = read_mapped_runs(gyro_alone(tmp_path, swinging + noise))
     assert not run.missing.any() and any("most of the time" in remark for remark in run.remarks)
+
+
+def test_a_step_beside_a_move_is_no_rest():
+    """Steps of ten rows; rows 26 to 33 move: the steps that hold them, and one on either side, are left out."""
+    rest = np.ones(100, bool)
+    rest[26:34] = False
+    steps = SimpleNamespace(count=10, owner=np.arange(100) // 10)
+    rests = _rests(SimpleNamespace(rest=rest), np.arange(100), steps)
+    assert np.flatnonzero(~rests).tolist() == [1, 2, 3, 4]
