@@ -357,3 +357,19 @@ def test_a_line_s_wave_is_followed_also_where_its_frequency_is_known_by_a_part_o
 
 def test_bands_of_several_phases_that_touch_are_one():
     assert _joined([(5.0, 6.0), (1.5, 3.0), (1.0, 2.0), (2.9, 2.95), (6.0, 7.0)]) == [(1.0, 3.0), (5.0, 7.0)]
+
+
+def test_a_line_is_the_model_s_only_at_its_frequency_and_as_large_in_every_phase(tmp_path):
+    text = (
+        '[[effect]]\nname = "vibration_or_mains_line"\n'
+        "parameters = {{ amplitude_dph = {}, frequency_hz = {} }}\n"
+        "sigma = {{ amplitude_dph = 0.1, frequency_hz = 0.01 }}\n"
+    )
+    phases = 'phases = [{ name = "rest", start_s = 0 }, { name = "pump", start_s = 240 }]\n'
+    line = np.sin(2 * np.pi * 71.3 * TIME_S)
+    whole = 9.0 / np.sinc(71.3 / RATE_HZ)
+    even = log(tmp_path, "even", noise(51) + 9.0 * line, phases)
+    assert not found(even, model(text.format(whole, 71.3))).fast.lines
+    assert len(found(even, model(text.format(9.0 / np.sinc(0.15), 30.0))).fast.lines) == 1
+    louder = log(tmp_path, "louder", noise(52) + np.where(TIME_S < 240.0, 9.0, 15.0) * line, phases)
+    assert len(found(louder, model(text.format(whole, 71.3))).fast.lines) == 1
