@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from bench.control.procedure import Demands, Parameters, Procedure, parameter
 from bench.control.session import Bench
 from procedures.zero_bias_cold_shock import ZeroBiasParameters, find_east
@@ -82,44 +84,71 @@ def run(bench: Bench, p: ThermalRampParameters) -> None:
         bench.chamber.stop()
 
 
-def go_to_end(bench: Bench, end_c: float, ramp_k_per_min: float) -> None:
+def go_to_end(
+    bench: Bench, end_c: float, ramp_k_per_min: float, meanwhile: Callable[[], None] | None = None
+) -> None:
     """Ramp to `end_c` and wait until the air is there; a ramp that stalls makes the run invalid.
+
+    `meanwhile` is done again and again until then; by default the bench waits.
+    """
+    ramp = _Ramp(bench, end_c, ramp_k_per_min)
+    if meanwhile is None:
+        bench.wait_until(ramp.arrived, timeout_s=ramp.allowed_s, what=f"ramp to {end_c:g} degC", every_s=10.0)
+    else:
+        while not ramp.arrived() and not ramp.given_up:
+            meanwhile()
+    ramp.judge()
+
+
+class _Ramp:
+    """A ramp of the air that begins now.
 
     The air has stalled when it moved by less than `_LEAST_SHARE` of the demanded ramp over a quarter of an hour
     without having arrived. A stalled ramp is given up at twice its time.
     """
-    start_s, start_c = bench.now_s, bench.chamber.history.last["air_temp_c"]
-    bench.chamber.go_to(end_c, ramp_k_per_min)
-    stalled: list[float] = []
 
-    def arrived() -> bool:
+    def __init__(self, bench: Bench, end_c: float, ramp_k_per_min: float) -> None:
+        self._bench, self._end_c, self._ramp_k_per_min = bench, end_c, ramp_k_per_min
+        self._start_s, start_c = bench.now_s, bench.chamber.history.last["air_temp_c"]
+        self._there = self._stalled = False
+        self.allowed_s = 60.0 * 2.0 * abs(end_c - start_c) / ramp_k_per_min + 3600.0
+        bench.chamber.go_to(end_c, ramp_k_per_min)
+
+    @property
+    def given_up(self) -> bool:
+        """Whether the air has had its time."""
+        return self._bench.now_s - self._start_s > self.allowed_s
+
+    def arrived(self) -> bool:
+        """Return whether the air is there; the first look at which it has stalled makes the run invalid."""
+        bench, demanded = self._bench, self._ramp_k_per_min
         rows = bench.chamber.history.since(bench.now_s - _WINDOW_S)
         air = rows["air_temp_c"]
-        if abs(air[-1] - end_c) <= _AT_END_K:
-            return True
+        self._there = abs(air[-1] - self._end_c) <= _AT_END_K
         moved = abs(air[-1] - air[0]) / max((rows["time_s"][-1] - rows["time_s"][0]) / 60.0, 1.0)
-        if not stalled and bench.now_s - start_s > _WINDOW_S and moved < _LEAST_SHARE * ramp_k_per_min:
-            stalled.append(bench.now_s)
+        since_s = bench.now_s - self._start_s
+        if not self._there and not self._stalled and since_s > _WINDOW_S and moved < _LEAST_SHARE * demanded:
+            self._stalled = True
             bench.invalidate(
-                f"the ramp to {end_c:g} degC stalled at {air[-1]:.1f} degC, {bench.now_s - start_s:.0f} s after "
-                f"it began: {moved:.3f} of {ramp_k_per_min:.3f} K/min over the last {_WINDOW_S / 60:.0f} min",
+                f"the ramp to {self._end_c:g} degC stalled at {air[-1]:.1f} degC, {since_s:.0f} s after "
+                f"it began: {moved:.3f} of {demanded:.3f} K/min over the last {_WINDOW_S / 60:.0f} min",
                 "ramp_stalled",
-                end_c=end_c,
+                end_c=self._end_c,
                 air_temp_c=float(air[-1]),
                 rate_k_per_min=float(moved),
-                demanded_k_per_min=ramp_k_per_min,
+                demanded_k_per_min=demanded,
             )
-        return False
+        return self._there
 
-    allowed_s = 60.0 * 2.0 * abs(end_c - start_c) / ramp_k_per_min + 3600.0
-    there = bench.wait_until(arrived, timeout_s=allowed_s, what=f"ramp to {end_c:g} degC", every_s=10.0)
-    if not there and not stalled:
-        bench.invalidate(
-            f"the air did not reach {end_c:g} degC within {allowed_s / 60:.0f} min",
-            "end_not_reached",
-            end_c=end_c,
-            waited_s=allowed_s,
-        )
+    def judge(self) -> None:
+        """Make the run invalid if the air has not arrived at the last look."""
+        if not self._there and not self._stalled:
+            self._bench.invalidate(
+                f"the air did not reach {self._end_c:g} degC within {self.allowed_s / 60:.0f} min",
+                "end_not_reached",
+                end_c=self._end_c,
+                waited_s=self.allowed_s,
+            )
 
 
 def expected_duration_s(p: ThermalRampParameters) -> float:

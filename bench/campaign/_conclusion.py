@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 
 from bench.analysis import gap
 from bench.analysis.gap import Choice, Design, Diagnosis, Model, Outlook, Recordings
@@ -12,10 +14,17 @@ NO_GAP = "no gap"
 DECIDED, UNDECIDED, BUDGET = "decided", "undecided", "budget"
 _LEAST_NATS = 0.02
 """Expected information below which a run is not worth making."""
+_LITTLE = 0.25
+"""Part of it that a run must tell where a longer one is worth making."""
 _DOUBT_NATS = 0.02
 """Information as expected that stands beside what a design's runs told, so that a run of little says little."""
 _CLEAR = 10.0
 """Standard deviations above the noise that a run must show of an explanation to confirm it."""
+_MOST_CONFIRMING = 2
+"""Runs in a row that may fail to confirm an answer: its form is then not the formula's, a third tells no more."""
+
+_IN_VAIN, _MOST_IN_VAIN = 0.1, 4
+"""Part of what was expected below which a run told nothing; after so many in a row no other is expected to."""
 
 Order = Callable[[Sequence[Choice]], Sequence[Choice]]
 
@@ -30,11 +39,15 @@ class Made:
 
 @dataclass(frozen=True)
 class Told:
-    """What a run of a design was expected to tell, and what it told, nats."""
+    """What a run of a design was expected to tell, and what it told, nats.
+
+    `confirming`: the answer that it was made to confirm.
+    """
 
     design: str
     expected: float
     gained: float
+    confirming: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +74,13 @@ class Conclusion:
 
 
 def by_information(choices: Sequence[Choice]) -> list[Choice]:
-    """Return what is worth making of choices that are sorted by information an hour."""
-    return [each for each in choices if each.nats > _LEAST_NATS]
+    """Return what is worth making of choices that are sorted by information an hour.
+
+    None if no run is expected to tell enough; else a short one that tells less an hour at a time is worth it too.
+    """
+    if all(each.nats <= _LEAST_NATS for each in choices):
+        return []
+    return [each for each in choices if each.nats > _LITTLE * _LEAST_NATS]
 
 
 def conclude(runs: Sequence[Made], model: Model, designs: Sequence[Design], until: float) -> Conclusion:
@@ -91,8 +109,12 @@ def next_choice(
     A design that was made and told less than was expected of it is expected to tell that much less again.
     """
     if now.confirmed is not None:
-        choice = None if now.confirmed else now.outlook.showing(now.unseen, left_h, _CLEAR)
+        tries = list(takewhile(lambda told: told.confirming == now.acts, reversed(history)))
+        more = not now.confirmed and len(tries) < _MOST_CONFIRMING
+        choice = now.outlook.showing(now.unseen, left_h, _CLEAR) if more else None
         return choice, "" if choice else DECIDED
+    if _in_vain(history) >= _MOST_IN_VAIN:
+        return None, UNDECIDED
     told = _told(history)
     made = [
         replace(each, nats=each.nats * told.get(each.design.key, 1.0))
@@ -100,20 +122,31 @@ def next_choice(
         if usable(each.design)
     ]
     fitting = sorted(made, key=lambda choice: -choice.nats / choice.design.hours)
-    wanted = list(order(fitting))
-    choice = next(iter(wanted), None)
-    if choice is not None and order is by_information:
-        choice = _sooner(wanted, now.until) or choice
+    choice = next(iter(order(fitting)), None)
+    if order is by_information:
+        new = [each for each in fitting if each.design.key not in told]
+        choice = _sooner(fitting if choice else new, now.until, choice) or choice
     return choice, "" if choice else UNDECIDED if fitting else BUDGET
 
 
-def _sooner(choices: Sequence[Choice], until: float) -> Choice | None:
+def _sooner(choices: Sequence[Choice], until: float, first: Choice | None) -> Choice | None:
     """Return the shortest run that would end the search if what leads is true, and is no longer than the first.
 
-    Information an hour does not know that the search ends: of two runs that end it the longer one tells more.
+    Information an hour does not know that the search ends: of two runs that end it the longer one tells more, and
+    of many small doubts each run takes little.
     """
-    closing = [c for c in choices if c.if_true >= until and c.design.hours <= choices[0].design.hours]
+    most_h = first.design.hours if first else math.inf
+    closing = [each for each in choices if each.if_true >= until and each.design.hours <= most_h]
     return min(closing, key=lambda choice: choice.design.hours, default=None)
+
+
+def _in_vain(history: Sequence[Told]) -> int:
+    """Return how many of the newest runs told nothing, those made to confirm an answer aside.
+
+    What is left open then is alike in what the bench can do, whatever the foretelling says of it.
+    """
+    runs = [told for told in history if not told.confirming]
+    return sum(1 for _ in takewhile(lambda told: told.gained < _IN_VAIN * told.expected, reversed(runs)))
 
 
 def _told(runs: Sequence[Told]) -> dict[str, float]:

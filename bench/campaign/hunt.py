@@ -240,13 +240,15 @@ class Hunt:
     def _history(self, now: Conclusion, good: Sequence[RunState]) -> list[Told]:
         """Return what the runs told of what was expected, the newest by where the search stands now."""
         names = {state.run.name: state.run for state in good}
-        history = []
+        history, acts = [], ""
         for step in steps_of(self):
+            confirming = acts if step.chosen.to_confirm else ""
+            acts = step.after.acts if step.after is not None else now.acts
             if (run := names.get(step.chosen.run)) is None:
                 continue
             gained = step.after.gained_nats if step.after is not None else self._gained(now)
             key = gap.key_of(run.procedure, run.parameters)
-            history.append(Told(key, step.chosen.expected_nats, gained or 0.0))
+            history.append(Told(key, step.chosen.expected_nats, gained or 0.0, confirming))
         return history
 
     def _gained(self, now: Conclusion) -> float | None:

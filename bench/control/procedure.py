@@ -228,8 +228,10 @@ def _parameter_error(procedure: Procedure, error: ValidationError) -> Configurat
             near = difflib.get_close_matches(name, procedure.parameters.model_fields, n=1)
             hint = f"; did you mean {near[0]!r}" if near else ""
             wrong.append(f"{name} is not a parameter{hint}")
-        else:
+        elif name:
             wrong.append(f"{name} = {item['input']!r}: {item['msg'].lower()}")
+        else:  # of several parameters together
+            wrong.append(item["msg"].removeprefix("Value error, "))
     return ConfigurationError(
         "parameters that cannot be used",
         where=procedure.name,

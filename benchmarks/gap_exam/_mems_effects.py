@@ -278,8 +278,8 @@ EFFECTS: Mapping[str, Effect] = {
     "threshold": Effect(_threshold, ("dead_zone", "lock_in"), curved=True, sizes=(0.5, 3e4), signed=False),
     "misalignment": misalignment(LATITUDE_DEG),
     "encoder": encoder((1, 2, 4, 7, 10, 16), 0.1),
-    "latency": latency(),
-    "skew": skew(),
+    "latency": latency(LATITUDE_DEG),
+    "skew": skew(LATITUDE_DEG),
     "heading": heading(_field),
     "weight": known(
         _weight,

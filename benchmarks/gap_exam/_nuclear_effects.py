@@ -284,8 +284,8 @@ EFFECTS: Mapping[str, Effect] = {
     "read_heads": _wobble(
         {36: 1.0, 35: 0.2, 72: 0.3}, "table_rate_ripple", beside=("table_wobble_once", "table_wobble_twice")
     ),
-    "latency": latency(),
-    "skew": skew(),
+    "latency": latency(LATITUDE_DEG),
+    "skew": skew(LATITUDE_DEG),
     "leak": heading(_leak),
     "droplet": known(_droplet, "acceleration_sensitivity"),
     "sagging_beam": known(_sagging_beam, "acceleration_squared"),

@@ -306,8 +306,8 @@ EFFECTS: Mapping[str, Effect] = {
     "azimuth": azimuth(LATITUDE_DEG),
     "tilt": tilt(LATITUDE_DEG),
     "encoder": encoder((1, 2, 3, 5, 6, 9, 18), 0.25),
-    "latency": latency(),
-    "skew": skew(),
+    "latency": latency(LATITUDE_DEG),
+    "skew": skew(LATITUDE_DEG),
     "heading": heading(_field),
     "mass": known(
         _mass,

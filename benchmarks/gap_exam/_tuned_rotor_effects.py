@@ -288,7 +288,7 @@ EFFECTS: dict[str, Effect] = {
     "lean": misalignment(LATITUDE_DEG),
     "eccentric": known(_eccentric, *_RIPPLE),
     "cogs": known(_cogs, "table_rate_ripple", *_RIPPLE),
-    "latency": latency(),
+    "latency": latency(LATITUDE_DEG),
     "stray": heading(_stray),
     "torquer_heat": Effect(_torquer_heat),
     "expanding": Effect(_expanding),

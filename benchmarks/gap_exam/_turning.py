@@ -82,33 +82,34 @@ def encoder(orders: Sequence[int], overtone: float) -> Effect:
     return Effect(signal, ("table_wobble_once", "table_wobble_twice", "table_rate_ripple"))
 
 
-def _late(stage: Stage, delay_s: Array | float) -> Array:
-    """Return the change of the mean rate where samples are late by a small time, deg/h."""
+def _late(stage: Stage, latitude_deg: float, delay_s: Array | float) -> Array:
+    """Return the change of the sensed rate where samples are late by a small time, deg/h."""
     edges = np.arange(stage.steps + 1) * stage.step_s
-    moved = np.interp(edges - delay_s, edges, stage.angle_deg)
-    # at the ends the table goes on as it does
-    head = stage.angle_deg[0] + stage.rate_dps[0] * np.minimum(edges - delay_s, 0.0)
-    moved = np.where(edges < delay_s, head, moved)
-    late = np.diff(moved) / stage.step_s * np.sin(np.radians(stage.elevation_deg))
-    return np.asarray(3600.0 * (late - stage.axis_dps))
+    sensed = sensed_dph(stage, latitude_deg)
+    turned = np.concatenate(([0.0], np.cumsum(sensed) * stage.step_s))
+    then = edges - delay_s
+    moved = np.interp(then, edges, turned)
+    # before the first edge the rate was what it is behind it
+    moved = np.where(then < 0.0, sensed[0] * then, moved)
+    return np.asarray(np.diff(moved) / stage.step_s - sensed)
 
 
-def latency() -> Effect:
+def latency(latitude_deg: float) -> Effect:
     """The gyro's samples are late by `size` ms."""
     return Effect(
-        lambda unit, stage, size: size * _late(stage, 1e-3),
+        lambda unit, stage, size: size * _late(stage, latitude_deg, 1e-3),
         ("time_offset",),
         ("clock_skew",),
         lambda unit, size: {"offset_ms": -size},
     )
 
 
-def skew() -> Effect:
+def skew(latitude_deg: float) -> Effect:
     """The gyro's clock runs slow by `size` ppm from a run's start on."""
 
     def signal(unit: Unit, stage: Stage, size: float) -> Array:
         edges = np.arange(stage.steps + 1.0) * stage.step_s
-        return size * _late(stage, np.asarray(1e-6 * edges))
+        return size * _late(stage, latitude_deg, np.asarray(1e-6 * edges))
 
     return Effect(signal, ("clock_skew",), ("time_offset",), lambda unit, size: {"skew_ppm": -size})
 

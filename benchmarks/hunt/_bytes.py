@@ -15,7 +15,7 @@ from bench.campaign import CampaignFolder, CampaignRunner
 from bench.campaign.hunt import Hunt, HuntSettings, begin_hunt, steps_of
 from benchmarks.hunt._cases import Case, is_right
 from benchmarks.hunt._plants import NOMINAL, FibreOptic
-from benchmarks.hunt._seek import BUDGET_H, UNTIL, Searched, Step
+from benchmarks.hunt._seek import BUDGET_H, UNTIL, Searched, Step, among
 from benchmarks.hunt._strategies import SEARCH
 from drivers.base.clock import host_seconds
 
@@ -55,6 +55,7 @@ def ended(plant: FibreOptic, case: Case, hunt: Hunt) -> Searched:
         case.family, case.name, case.kind, case.seed, case.number, case.acts, dict(case.gap), SEARCH,
         "through bytes", ends, acts, 0.0 if end is None else end.probability, is_right(plant, case, ends, acts),
         BUDGET_H if end is None else end.used_h, steps,
+        end is not None and among(plant, case, end.probabilities),
     )  # fmt: skip
 
 

@@ -114,7 +114,7 @@ class FibreOptic:
         self.file = bench_at()
         self.model = read_model(NOMINAL)
         self.designs = designs_for(self.file)
-        self._energies = outlook(None, self.model, [], self.designs).energies
+        self._energies = outlook(None, self.model, [], usual_designs(self.file.bench.latitude_deg)).energies
         self._effects = {name: each for name, each in effects_beside(self.model).items() if executable(each)}
 
     @property

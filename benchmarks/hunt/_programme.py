@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -140,6 +141,26 @@ def _rotation(p: Mapping[str, Any], design: Design) -> Programme:
     return Programme("z_up", tuple(acts), (part,), turns=True)
 
 
+def _cycled(p: Mapping[str, Any], design: Design) -> Programme:
+    """The rates as the design foretells them; the air ramps from the end of the rates at room temperature."""
+    (stimulus,) = design.stimuli.values()
+    wanted = stimulus.table_rate_dps
+    changes = [0, *(np.flatnonzero(np.diff(wanted)) + 1).tolist()]
+    acts = [Act(1.0, "air", p["room_c"])]
+    acts += [Act(max(at, 1.0), "rate", float(wanted[at])) for at in changes]
+    if p["over_temperature"]:
+        at_s = len(stimulus) - 60.0 * (
+            (p["room_c"] - p["low_c"] + p["high_c"] - p["low_c"] + p["high_c"] - p["room_c"])
+            / p["ramp_k_per_min"]
+            + 2.0 * p["dwell_min"]
+        )
+        for start_c, end_c in pairwise((p["room_c"], p["low_c"], p["high_c"], p["room_c"])):
+            acts.append(Act(at_s, "air", end_c, p["ramp_k_per_min"]))
+            at_s += 60.0 * (abs(end_c - start_c) / p["ramp_k_per_min"] + p["dwell_min"])
+    part = Part("+0", round(_MOVE_S), len(stimulus))
+    return Programme("axis_up", tuple(sorted(acts, key=lambda act: act.at_s)), (part,), turns=True)
+
+
 def _rates(p: Mapping[str, Any], design: Design) -> Programme:
     """The rates as the design foretells them, after what the standard test does before."""
     (stimulus,) = design.stimuli.values()
@@ -157,6 +178,7 @@ _PROGRAMMES: Mapping[str, Callable[[Mapping[str, Any], Design], Programme]] = {
     "thermal-ramp": _ramp,
     "constant-rotation": _rotation,
     "standard-test": _rates,
+    "rates-over-temperature": _cycled,
 }
 
 

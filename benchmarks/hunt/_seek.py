@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import process_time
 from typing import Any
 
 from bench.analysis.gap import information_gained
-from bench.campaign.hunt import BUDGET, Made, Told, by_name, conclude
+from bench.campaign.hunt import BUDGET, DECIDED, Made, Told, by_name, conclude
 from benchmarks.hunt._cases import Case, is_right
 from benchmarks.hunt._plants import HuntPlant
 from benchmarks.hunt._strategies import Strategy
@@ -55,6 +55,8 @@ class Searched:
     right: bool
     hours: float
     steps: tuple[Step, ...]
+    among: bool = False
+    """Whether what acts is among the fewest explanations that together have the probability asked for."""
 
     @property
     def wrong(self) -> bool:
@@ -81,12 +83,13 @@ def seek(plant: HuntPlant, case: Case, name: str, strategy: Strategy) -> Searche
             break
         used_h += design.hours
         to_confirm = now.confirmed is False
+        confirming = now.acts if to_confirm else ""
         before = by_name(now.outlook.probabilities)
         runs.append(Made(design.key, plant.recorded(design, case.gap, case.seed, len(runs))))
         begun_s = process_time()
         now = conclude(runs, plant.model, plant.designs, UNTIL)
         gained = information_gained(before, by_name(now.outlook.probabilities))
-        told.append(Told(design.key, expected, gained))
+        told.append(Told(design.key, expected, gained, confirming))
         taken_s = process_time() - begun_s
         steps.append(
             Step(
@@ -98,8 +101,20 @@ def seek(plant: HuntPlant, case: Case, name: str, strategy: Strategy) -> Searche
     return Searched(
         case.family, case.name, case.kind, case.seed, case.number, case.acts, dict(case.gap), name,
         "in process", ended, now.acts, now.probability, right, used_h if ended != BUDGET else BUDGET_H,
-        tuple(steps),
+        tuple(steps), among(plant, case, by_name(now.outlook.probabilities)),
     )  # fmt: skip
+
+
+def among(plant: HuntPlant, case: Case, probabilities: Mapping[str, float]) -> bool:
+    """Return whether what acts is among the fewest explanations that together have the probability asked for."""
+    total = 0.0
+    for name, probability in sorted(probabilities.items(), key=lambda each: -each[1]):
+        if is_right(plant, case, DECIDED, name):
+            return True
+        total += probability
+        if total >= UNTIL:
+            break
+    return False
 
 
 def keep(folder: Path, one: Searched) -> None:

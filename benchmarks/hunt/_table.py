@@ -46,9 +46,9 @@ def tables(found: Sequence[Searched], order: Sequence[str]) -> list[str]:
 
 def _strategies(found: Sequence[Searched]) -> list[str]:
     lines = [
-        "| strategy | n | right | wrong ends | ended in budget | hours, median | times the search's | "
-        "slope of realised on expected nats |",
-        "|---|---|---|---|---|---|---|---|",
+        "| strategy | n | right | wrong ends | open, what acts among those left | ended in budget | "
+        "hours, median | times the search's | slope of realised on expected nats |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     hours = {s: {one.case: to_right_h(one) for one in found if one.strategy == s} for s in STRATEGIES}
     for name in STRATEGIES:
@@ -59,11 +59,18 @@ def _strategies(found: Sequence[Searched]) -> list[str]:
         times = _with_interval(pairs, _times, "{:.2f}") if pairs else "-"
         lines.append(
             f"| {_SAID[name]} | {len(own)} | {_share([one.right for one in own])} | "
-            f"{_share([one.wrong for one in own])} | {_share([one.ended == 'decided' for one in own])} | "
+            f"{_share([one.wrong for one in own])} | {_among(own)} | "
+            f"{_share([one.ended == 'decided' for one in own])} | "
             f"{_with_interval([(h,) for h in hours[name].values()], _median, '{:.1f}')} | {times} | "
             f"{_slope(own)} |"
         )
     return [*lines, "", _processor(found)]
+
+
+def _among(own: Sequence[Searched]) -> str:
+    """Return of how many open ends what acts is among the fewest explanations left."""
+    still = [one for one in own if one.ended != "decided"]
+    return f"{sum(one.among for one in still)} of {len(still)}"
 
 
 def to_right_h(one: Searched) -> float:

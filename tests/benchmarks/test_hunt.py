@@ -10,7 +10,7 @@ from bench.campaign.hunt import BUDGET, DECIDED, NO_GAP
 from benchmarks.hunt._cases import NULL, OUTSIDE, PAIR, Case, drawn_case, is_right
 from benchmarks.hunt._plants import families
 from benchmarks.hunt._programme import programme_of
-from benchmarks.hunt._seek import Searched, Step, keep, kept
+from benchmarks.hunt._seek import Searched, Step, among, keep, kept
 from benchmarks.hunt._strategies import standard_tests
 from benchmarks.hunt._table import tables, to_right_h
 
@@ -58,6 +58,13 @@ def test_right_is_exactly_what_acts_by_any_of_its_names(plants):
     assert is_right(plant, Case("ring_laser", 0, NULL, 1, {}), DECIDED, NO_GAP)
 
 
+def test_what_acts_may_be_among_the_fewest_explanations_that_are_left(plants):
+    plant, case = plants["ring_laser"], Case("ring_laser", 0, "single", 1, {"azimuth": 1.0})
+    assert among(plant, case, {"shupe": 0.6, "azimuth_error": 0.36, "gradient": 0.04})
+    assert not among(plant, case, {"shupe": 0.6, "gradient": 0.36, "azimuth_error": 0.04})
+    assert not among(plant, case, {"gradient + azimuth_error": 1.0})
+
+
 def test_a_programme_takes_the_time_that_its_procedure_expects(plants):
     for plant in plants.values():
         for design in [*plant.designs, *standard_tests(plant)]:
@@ -95,7 +102,9 @@ def test_the_tables_count_wrong_and_open_ends_as_the_whole_budget():
     fixed = [replace(one, strategy="fixed", hours=18.0) for one in (ONE, wrong, still)]
     assert [to_right_h(one) for one in (ONE, wrong, still)] == [6.0, 60.0, 60.0]
     text = "\n".join(tables([ONE, wrong, still, *fixed], ["a"]))
-    assert "| the search | 3 | 33 % [6, 79] | 33 % [6, 79] | 67 % [21, 94] | 60.0 [6.0, 60.0] |" in text
+    assert (
+        "| the search | 3 | 33 % [6, 79] | 33 % [6, 79] | 0 of 1 | 67 % [21, 94] | 60.0 [6.0, 60.0] |" in text
+    )
     assert "0.50 [0.50, 0.50] |" in text  # a quarter nat told of half a nat
     assert "| squeezed (mems) | 3 | 1 | 1 | 60.0 |" in text
     assert "| mems 2 | squeezed | decided: gradient 97 % | 6.0 | another name |" in text

@@ -42,6 +42,20 @@ def test_a_run_that_told_nothing_makes_place_for_another():
     assert next_choice(now, 9.0, history=nothing) == (None, UNDECIDED)
 
 
+def test_a_search_is_open_when_four_runs_in_a_row_told_nothing():
+    now = after([Choice(design("a", 1.0), 0.5)])
+    vain, told = Told("x", 0.4, 0.03), Told("y", 0.4, 0.05)
+    confirming = Told("c", 0.4, 0.0, confirming="shupe")
+    for history in (
+        [vain] * 3,
+        [vain, told, vain, vain, vain],
+        [*[confirming] * 3, vain],
+        [vain] * 4 + [told],
+    ):
+        assert next_choice(now, 9.0, history=history)[0].design.key == "a"
+    assert next_choice(now, 9.0, history=[told, *[vain] * 2, confirming, *[vain] * 2]) == (None, UNDECIDED)
+
+
 def test_of_two_runs_that_would_end_the_search_the_shorter_is_made():
     short = Choice(design("short", 8.0), 0.15, 0.96)
     long = Choice(design("long", 12.0), 0.30, 0.98)
@@ -52,6 +66,26 @@ def test_of_two_runs_that_would_end_the_search_the_shorter_is_made():
     assert next_choice(after([quick, long, short]), 20.0)[0] == quick
     # an order of the caller's own is kept
     assert next_choice(after([long, short]), 20.0, order=list)[0] == long
+
+
+def test_small_doubts_are_closed_by_short_runs_as_long_as_a_longer_one_is_worth_making():
+    short, long = Choice(design("short", 1.0), 0.01, 0.5), Choice(design("long", 12.0), 0.03, 0.99)
+    little = Choice(design("little", 0.5), 0.004, 0.5)
+    # 0.01 nats in an hour against 0.03 in twelve; 0.004 are less than a quarter of what a run must tell
+    assert next_choice(after([little, short, long]), 20.0)[0] == short
+    # a run that tells next to nothing but would end the search is made once, then the search is open
+    last = Choice(design("last", 3.0), 0.002, 0.96)
+    assert next_choice(after([last, little]), 20.0) == (last, "")
+    assert next_choice(after([last, little]), 20.0, history=[Told("last", 0.002, 0.0)]) == (None, UNDECIDED)
+
+
+def test_an_answer_that_two_runs_in_a_row_did_not_confirm_stands_unconfirmed():
+    confirming = Choice(design("c", 1.0), math.nan)
+    failed, elses = Told("c", 0.0, 0.0, confirming="shupe"), Told("c", 0.0, 0.0, confirming="gradient")
+    other = Told("a", 0.5, 0.4)
+    for history in ([], [failed], [failed, failed, other], [failed, other, failed], [failed, elses, failed]):
+        assert next_choice(after([], False, confirming), 9.0, history=history) == (confirming, "")
+    assert next_choice(after([], False, confirming), 9.0, history=[other, failed, failed]) == (None, DECIDED)
 
 
 def test_an_answer_ends_the_search_when_it_was_seen_again_or_cannot_be():

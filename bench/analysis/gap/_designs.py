@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import accumulate, product
+from itertools import accumulate, pairwise, product
 from typing import Literal
 
 import numpy as np
@@ -34,12 +34,16 @@ _USUAL_DPS = 20.0
 for what the gyro resolves, showed as a gap in a unit without one."""
 _SOAKS = ((20.0, 10.0), (75.0, 30.0))
 """Minutes of soak and of reference of a shock: short and usual."""
+_CYCLED = ((1.0, 10.0, 1), (3.0, 10.0, 1), (3.0, 30.0, 3), (10.0, 30.0, 1))
+"""Ramp in K/min, minutes at each end and rates of each sign, of rates in turn over temperature."""
+_RATE_DWELL_S, _NEXT_RATE_S = 60, 5
+_SHORT_WARM_UP_MIN = 10.0
 _SHORT_TEST = {
     "temperatures": False,
     "noise_h": 0.5,
     "bias_min": 10.0,
     "power_cycles": 0,
-    "warm_up_min": 10.0,
+    "warm_up_min": _SHORT_WARM_UP_MIN,
     "step_dwell_s": 60.0,
     "east_dwell_s": 60.0,
     "rate_dwell_s": 60.0,
@@ -121,6 +125,8 @@ def designs_for(file: BenchFile, axis: Literal["x", "y", "z"] | None = None) -> 
         ),
         *(_rates(latitude, most, per_sign=6) for most in rates),
         _rates(latitude, fastest, per_sign=3, sequences=1),
+        *(_cycled(latitude, rates[0], low_c, high_c, *profile) for profile in _CYCLED),
+        *(_cycled(latitude, most, per_sign=each) for most in rates for each in (3, 6)),
     )
     own = {each.key: each for each in grid}
     return [each for each in own.values() if not any(beyond_limits(_demands(each), file))]
@@ -185,7 +191,7 @@ def _ramp(
     """
     down, up = (REFERENCE_C - low_c) / 3.0, (high_c - low_c) / k_per_min
     legs = [
-        (10.0 if short else 60.0, REFERENCE_C),
+        (_SHORT_WARM_UP_MIN if short else 60.0, REFERENCE_C),
         (down, low_c),
         (dwell_min, low_c),
         (up, high_c),
@@ -200,7 +206,7 @@ def _ramp(
         "both_directions": False,
     }
     if short:
-        settings |= {"warm_up_min": 10.0, "search_east": False}
+        settings |= {"warm_up_min": _SHORT_WARM_UP_MIN, "search_east": False}
     text = f"{low_c:g} to {high_c:g} degC at {k_per_min:.2g} K/min{', at once' if short else ''}"
     return Design("thermal-ramp", settings, text, {"90 deg": stimulus})
 
@@ -227,6 +233,47 @@ def _rates(latitude_deg: float, most_dps: float, per_sign: int, sequences: int =
     }
     text = f"{per_sign} rates of each sign up to {most_dps:g} deg/s, room temperature only"
     return Design("standard-test", settings, text, {"rates": stimulus})
+
+
+def _cycled(
+    latitude_deg: float,
+    most_dps: float,
+    low_c: float = REFERENCE_C,
+    high_c: float = REFERENCE_C,
+    k_per_min: float = 0.0,
+    dwell_min: float = 0.0,
+    per_sign: int = 1,
+) -> Design:
+    """Return rates in turn: at room temperature twice, or, with a ramp, once and on over temperature."""
+    sizes = [most_dps * share for share in np.linspace(1.0 / per_sign, 1.0, per_sign).tolist()]
+    turn = [0.0, *sizes, 0.0, *(-size for size in sizes)]
+    step_s, sequences = _RATE_DWELL_S + _NEXT_RATE_S, 1 if k_per_min else 2
+    legs = [(_SHORT_WARM_UP_MIN + sequences * len(turn) * step_s / 60.0, REFERENCE_C)]
+    settings: dict[str, object] = {
+        "max_rate_dps": most_dps,
+        "rates_per_sign": per_sign,
+        "rate_dwell_s": float(_RATE_DWELL_S),
+        "sequences": sequences,
+        "warm_up_min": _SHORT_WARM_UP_MIN,
+    }
+    text = f"{per_sign} rates of each sign up to {most_dps:g} deg/s in turn"
+    if k_per_min:
+        way = [low_c, high_c, REFERENCE_C]
+        for start_c, end_c in pairwise((REFERENCE_C, *way)):
+            legs += [(abs(end_c - start_c) / k_per_min, end_c), (dwell_min, end_c)]
+        legs.pop()
+        settings |= {
+            "low_c": low_c, "high_c": high_c, "ramp_k_per_min": k_per_min, "dwell_min": dwell_min
+        }  # fmt: skip
+        text += f", {low_c:g} to {high_c:g} degC at {k_per_min:.2g} K/min, {dwell_min:g} min at the ends"
+    else:
+        settings |= {"over_temperature": False}
+        text += ", room temperature only"
+    warming = np.zeros(round(60.0 * _SHORT_WARM_UP_MIN))
+    turning_s = round(60.0 * sum(minutes for minutes, _ in legs)) - len(warming)
+    rates = np.resize(np.repeat(np.array(turn), step_s), turning_s)
+    stimulus = _stimulus(latitude_deg, legs, rates_dps=np.concatenate((warming, rates)))
+    return Design("rates-over-temperature", settings, text, {"+0": stimulus})
 
 
 def _shock_legs(soak_min: float) -> list[Leg]:

@@ -54,18 +54,18 @@ def expected_if(gram: Array, explanations: Sequence[Foretold], true: int) -> Arr
     """Return the probabilities (m,) of explanations that a run is expected to leave if one of them is true.
 
     Each loses the mean log odds that the run gives against it: the Kullback-Leibler divergence of the true one's
-    prediction, at its fitted size, from its own.
+    prediction, at its fitted size, from its own, less that from the true one's with its spread.
     """
     lost = np.zeros(len(explanations))
     for index, each in enumerate(explanations):
-        if index == true:
-            continue
         root = _root(each)
         inner = np.eye(root.shape[1]) + root.T @ gram @ root
         square = _apart(gram, explanations[true].mean - each.mean, root, inner)
         shrunk = root.shape[1] - float(np.trace(np.linalg.inv(inner)))
         lost[index] = 0.5 * (square + float(np.linalg.slogdet(inner)[1]) - shrunk)
-    weights = np.array([each.probability for each in explanations]) * np.exp(-np.maximum(lost, 0.0))
+    weights = np.array([each.probability for each in explanations]) * np.exp(
+        -np.maximum(lost - lost[true], 0.0)
+    )
     return np.asarray(weights / weights.sum())
 
 

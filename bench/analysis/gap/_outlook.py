@@ -1,7 +1,7 @@
 """Where a search for the missing effect stands: explanations with probability, and what the next run would tell.
 
 An explanation is a set of effects that a diagnosis names, or one more that may act beside it and that the runs so
-far could not show. Such a hidden effect is taken for one that the bench's best run for it would show with 60
+far could not show. Such a hidden effect is taken for one that the bench's best run for it would show with 40
 standard deviations; each run that could have shown it and did not makes it less probable.
 """
 
@@ -31,7 +31,7 @@ from drivers.base.arrays import Array
 from simulators.effects import Effect, Variant
 
 UNKNOWN = "unknown"
-_WORTH_FINDING = 60.0
+_WORTH_FINDING = 40.0
 """Standard deviations that a hidden effect has in the bench's best run for it."""
 _VISIBLE = 5.0
 """Standard deviations below which a bench does not show an effect however large it may be."""

@@ -92,3 +92,14 @@ def test_what_a_run_leaves_if_one_explanation_is_true_follows_from_the_divergenc
     assert expected_if(GRAM, hidden, 0) == pytest.approx([0.8 / (0.8 + left), left / (0.8 + left)])
     # a run that shows nothing leaves the probabilities as they are
     assert expected_if(np.zeros((2, 2)), hidden, 0) == pytest.approx([0.8, 0.2])
+
+
+def test_the_spread_of_the_leading_effect_itself_is_no_evidence_against_another_beside_it():
+    """What both share cancels: a run that cannot show the hidden effect leaves the probabilities as they are."""
+    apart = np.diag([4.0, 0.0])
+    both = [foretold(0.8, (2.0, 0.0), (1.5, 0.0)), foretold(0.2, (2.0, 0.0), (1.5, 5.0))]
+    assert expected_if(apart, both, 0) == pytest.approx([0.8, 0.2])
+    # one that shows it: as without the leading effect
+    shown = np.diag([4.0, 3.0])
+    alone = [foretold(0.8), foretold(0.2, sigmas=(0.0, 5.0))]
+    assert expected_if(shown, both, 0) == pytest.approx(expected_if(shown, alone, 0))

@@ -48,7 +48,7 @@ def test_designs_keep_to_the_limits_and_their_settings_suit_the_procedures(desig
     assert len({(design.procedure, design.text) for design in designs}) == len(designs)
     narrow = file.model_copy(update={"limits": file.limits.model_copy(update={"min_temp_c": -5.0})})
     left = {design.procedure for design in designs_for(narrow)}
-    assert left == {"constant-rotation", "standard-test", "thermal-ramp"}
+    assert left == {"constant-rotation", "rates-over-temperature", "standard-test", "thermal-ramp"}
 
 
 def test_before_any_run_a_gap_is_as_likely_as_none(start):
