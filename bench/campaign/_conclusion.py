@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -106,7 +107,8 @@ def next_choice(
 ) -> tuple[Choice | None, str]:
     """Return the run to make in the bench time left, or None and how the search has ended.
 
-    A design that was made and told less than was expected of it is expected to tell that much less again.
+    A design that was made and told less than was expected of it is expected to tell that much less again, and so
+    are the others of its kind.
     """
     if now.confirmed is not None:
         tries = list(takewhile(lambda told: told.confirming == now.acts, reversed(history)))
@@ -116,15 +118,16 @@ def next_choice(
     if _in_vain(history) >= _MOST_IN_VAIN:
         return None, UNDECIDED
     told = _told(history)
-    made = [
-        replace(each, nats=each.nats * told.get(each.design.key, 1.0))
+    left = [
+        replace(each, nats=each.nats * told.get(_kind(each.design.key), 1.0))
         for each in now.outlook.choices(left_h)
         if usable(each.design)
     ]
-    fitting = sorted(made, key=lambda choice: -choice.nats / choice.design.hours)
+    fitting = sorted(left, key=lambda choice: -choice.nats / choice.design.hours)
     choice = next(iter(order(fitting)), None)
     if order is by_information:
-        new = [each for each in fitting if each.design.key not in told]
+        made = {each.design for each in history}
+        new = [each for each in fitting if each.design.key not in made]
         choice = _sooner(fitting if choice else new, now.until, choice) or choice
     return choice, "" if choice else UNDECIDED if fitting else BUDGET
 
@@ -150,16 +153,23 @@ def _in_vain(history: Sequence[Told]) -> int:
 
 
 def _told(runs: Sequence[Told]) -> dict[str, float]:
-    """Return by design which part of the information expected of its newest run that gave, at most all of it.
+    """Return by kind of design which part of what was expected of its newest run that told, at most all of it.
 
-    `runs` are in their order, and what was expected of each is less what the design had failed to tell before.
+    `runs` are in their order, and what was expected of each is less what its kind had failed to tell before.
     The first run may have told much: of what a repeat tells it says nothing.
     """
     told: dict[str, float] = {}
     for run in runs:
-        own = run.expected / told.get(run.design, 1.0)
-        told[run.design] = (_DOUBT_NATS + min(run.gained, own)) / (_DOUBT_NATS + own)
+        kind = _kind(run.design)
+        own = run.expected / told.get(kind, 1.0)
+        told[kind] = (_DOUBT_NATS + min(run.gained, own)) / (_DOUBT_NATS + own)
     return told
+
+
+def _kind(design: str) -> str:
+    """Return the kind of a design by its key: its procedure, and which of its settings are its own."""
+    procedure, settings = json.loads(design)
+    return " ".join((procedure, *sorted(settings)))
 
 
 def by_name(probabilities: Mapping[frozenset[str], float]) -> dict[str, float]:

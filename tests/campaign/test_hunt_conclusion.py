@@ -5,13 +5,17 @@ from types import SimpleNamespace
 
 import pytest
 
-from bench.analysis.gap import UNKNOWN, Choice
+from bench.analysis.gap import UNKNOWN, Choice, key_of
 from bench.campaign._conclusion import _told
 from bench.campaign.hunt import BUDGET, DECIDED, UNDECIDED, Conclusion, Told, next_choice
 
 
-def design(key, hours):
-    return SimpleNamespace(key=key, hours=hours)
+def design(procedure, hours, **settings):
+    return SimpleNamespace(key=key_of(procedure, settings), procedure=procedure, hours=hours)
+
+
+def ran(procedure, expected, gained, confirming="", **settings):
+    return Told(key_of(procedure, settings), expected, gained, confirming)
 
 
 def after(choices, confirmed=None, showing=None):
@@ -23,11 +27,11 @@ def after(choices, confirmed=None, showing=None):
 
 
 def test_a_design_that_told_half_is_expected_to_tell_half_again_and_a_surprise_counts_once():
-    told = _told([Told("a", 0.38, 0.18), Told("b", 0.3, 4.0)])
+    told = _told([ran("a", 0.38, 0.18), ran("b", 0.3, 4.0)])
     # 0.02 nats as expected stand beside: (0.02 + 0.18) / (0.02 + 0.38)
     assert told == pytest.approx({"a": 0.5, "b": 1.0})
     # the repeat was expected to tell 0.2 because half had been taken off 0.4
-    again = _told([Told("a", 0.38, 0.18), Told("b", 0.3, 4.0), Told("a", 0.2, 0.0), Told("b", 0.9, 0.0)])
+    again = _told([ran("a", 0.38, 0.18), ran("b", 0.3, 4.0), ran("a", 0.2, 0.0), ran("b", 0.9, 0.0)])
     assert again["a"] == pytest.approx(0.02 / (0.02 + 0.4))
     assert again["b"] == pytest.approx(0.02 / (0.02 + 0.9))
 
@@ -35,24 +39,35 @@ def test_a_design_that_told_half_is_expected_to_tell_half_again_and_a_surprise_c
 def test_a_run_that_told_nothing_makes_place_for_another():
     choices = [Choice(design("a", 1.0), 0.5), Choice(design("b", 2.0), 0.4)]
     now = after(choices)
-    assert next_choice(now, 9.0)[0].design.key == "a"
-    chosen, ended = next_choice(now, 9.0, history=[Told("a", 0.5, 0.0)])
-    assert chosen.design.key == "b" and ended == ""
-    nothing = [Told("a", 5.0, 0.0), Told("b", 5.0, 0.0)] * 5
+    assert next_choice(now, 9.0)[0].design.procedure == "a"
+    chosen, ended = next_choice(now, 9.0, history=[ran("a", 0.5, 0.0)])
+    assert chosen.design.procedure == "b" and ended == ""
+    nothing = [ran("a", 5.0, 0.0), ran("b", 5.0, 0.0)] * 5
     assert next_choice(now, 9.0, history=nothing) == (None, UNDECIDED)
+
+
+def test_a_run_that_told_nothing_speaks_for_its_kind():
+    """Rotations differ by their rate; a ramp told less an hour, and no ramp was made in vain."""
+    slow, fast = design("rotation", 1.0, rate_dps=2.0), design("rotation", 1.0, rate_dps=20.0)
+    ramp, both = design("ramp", 2.0, rate_dps=2.0), design("rotation", 1.0, rate_dps=20.0, reversals=3)
+    choices = [Choice(slow, 0.9), Choice(fast, 0.8), Choice(ramp, 0.3)]
+    history = [ran("rotation", 0.9, 0.0, rate_dps=2.0)]
+    assert next_choice(after(choices), 9.0)[0].design is slow
+    assert next_choice(after(choices), 9.0, history=history)[0].design is ramp
+    assert next_choice(after([*choices, Choice(both, 0.8)]), 9.0, history=history)[0].design is both
 
 
 def test_a_search_is_open_when_four_runs_in_a_row_told_nothing():
     now = after([Choice(design("a", 1.0), 0.5)])
-    vain, told = Told("x", 0.4, 0.03), Told("y", 0.4, 0.05)
-    confirming = Told("c", 0.4, 0.0, confirming="shupe")
+    vain, told = ran("x", 0.4, 0.03), ran("y", 0.4, 0.05)
+    confirming = ran("c", 0.4, 0.0, confirming="shupe")
     for history in (
         [vain] * 3,
         [vain, told, vain, vain, vain],
         [*[confirming] * 3, vain],
         [vain] * 4 + [told],
     ):
-        assert next_choice(now, 9.0, history=history)[0].design.key == "a"
+        assert next_choice(now, 9.0, history=history)[0].design.procedure == "a"
     assert next_choice(now, 9.0, history=[told, *[vain] * 2, confirming, *[vain] * 2]) == (None, UNDECIDED)
 
 
@@ -76,13 +91,13 @@ def test_small_doubts_are_closed_by_short_runs_as_long_as_a_longer_one_is_worth_
     # a run that tells next to nothing but would end the search is made once, then the search is open
     last = Choice(design("last", 3.0), 0.002, 0.96)
     assert next_choice(after([last, little]), 20.0) == (last, "")
-    assert next_choice(after([last, little]), 20.0, history=[Told("last", 0.002, 0.0)]) == (None, UNDECIDED)
+    assert next_choice(after([last, little]), 20.0, history=[ran("last", 0.002, 0.0)]) == (None, UNDECIDED)
 
 
 def test_an_answer_that_two_runs_in_a_row_did_not_confirm_stands_unconfirmed():
     confirming = Choice(design("c", 1.0), math.nan)
-    failed, elses = Told("c", 0.0, 0.0, confirming="shupe"), Told("c", 0.0, 0.0, confirming="gradient")
-    other = Told("a", 0.5, 0.4)
+    failed, elses = ran("c", 0.0, 0.0, confirming="shupe"), ran("c", 0.0, 0.0, confirming="gradient")
+    other = ran("a", 0.5, 0.4)
     for history in ([], [failed], [failed, failed, other], [failed, other, failed], [failed, elses, failed]):
         assert next_choice(after([], False, confirming), 9.0, history=history) == (confirming, "")
     assert next_choice(after([], False, confirming), 9.0, history=[other, failed, failed]) == (None, DECIDED)

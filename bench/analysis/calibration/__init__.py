@@ -15,6 +15,7 @@ from bench.analysis.calibration._conventions import (
     Task,
 )
 from bench.analysis.calibration._estimator import BiasWander, Estimate
+from bench.analysis.calibration._further import after
 from bench.analysis.calibration._hand_record import load_hand_record
 from bench.analysis.calibration._record_noise import RecordNoise
 from bench.analysis.calibration._result import Evaluation, evaluate, missed_targets
@@ -63,6 +64,7 @@ __all__ = [
     "TableAxis",
     "Task",
     "TurningPlan",
+    "after",
     "calibrate",
     "calibrate_by_hand",
     "evaluate",

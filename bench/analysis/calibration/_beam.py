@@ -17,7 +17,7 @@ def grow_beam(graph: Graph, weight: Array, turns: int, width: int) -> tuple[list
     homes = _homes(graph)
     home, node, evaluated = homes, homes, 0
     history = np.empty((len(homes), 0), dtype=np.int64)
-    stretch = graph.rests[graph.node_attitude[homes]]
+    stretch = graph.firsts[graph.node_attitude[homes]]
     guide = np.zeros(len(homes))
     for turn in range(turns):
         row, move = np.nonzero(graph.edges[node] >= 0)

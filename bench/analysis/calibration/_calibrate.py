@@ -14,6 +14,7 @@ import numpy as np
 from bench.analysis.calibration._compensation import ImuCompensation
 from bench.analysis.calibration._conventions import Noise, Site, Task
 from bench.analysis.calibration._estimator import BiasWander, Estimate, Options, estimate
+from bench.analysis.calibration._further import after, changes, together
 from bench.analysis.calibration._navigation import Increments
 from bench.analysis.calibration._record_noise import RecordNoise, record_noise
 from bench.analysis.calibration._result import Evaluation, evaluate
@@ -39,7 +40,8 @@ class Calibration(Shown):
     """What a record gave: the estimate, what its scheme promised, and what the record shows of its noise.
 
     `corrected`: the estimate is with the noise and wander that the record shows, not with those told.
-    `options`: how it was estimated.
+    `options`: how it was estimated. `earlier`: the calibrations of the unit that are in the estimate; `alone` is
+    what this record gave by itself.
     """
 
     run: CalibrationRun
@@ -49,6 +51,8 @@ class Calibration(Shown):
     noise: RecordNoise
     corrected: bool
     options: Options
+    alone: Estimate
+    earlier: tuple[ImuCompensation, ...] = ()
 
     def shown(self) -> dict[str, object]:
         """Return unit, run and scheme, and how well the estimate explains the record (1: as its noise says)."""
@@ -71,18 +75,19 @@ class Calibration(Shown):
         moved = estimate(
             run.increments, replace(task, site=elsewhere, noise=noise), self.options, run.schedule
         )
-        per_latitude_deg = (self.estimate.parameters - moved.parameters) / _MOVED_DEG
+        per_latitude_deg = (self.alone.parameters - moved.parameters) / _MOVED_DEG
         return parameter_budgets(self.estimate, site.gravity_mps2, per_latitude_deg, run.certificates)
 
     def compensation(self, declared: Sequence[str] = ()) -> ImuCompensation:
         """Return the compensation; `declared`: what its user has to know of it."""
         names = ("parameters", "sigma", "covariance", "lever_m", "lag_s", "innovation_rms")
+        runs = {run: checksum for each in self.earlier for run, checksum in each.runs.items()}
         return ImuCompensation(
             self.run.unit_id,
             **{name: getattr(self.estimate, name) for name in names},
-            scheme=self.run.schedule.name,
+            scheme=", ".join([*(each.scheme for each in self.earlier), self.run.schedule.name]),
             declared=tuple(declared),
-            **provenance({self.run.run_id: self.run.checksum}),
+            **provenance({**runs, self.run.run_id: self.run.checksum}),
         )
 
 
@@ -135,12 +140,21 @@ def calibrate(
     lever_arms: bool = False,
     range_dps: float | None = None,
     as_told: bool = False,
+    earlier: Sequence[ImuCompensation] = (),
 ) -> Calibration:
     """Estimate the parameters of an IMU from the record of a scheme; `range_dps`: the measuring range.
 
     `noise` is what is known of the unit beforehand. Unless `as_told`, the estimate is made again with the noise
-    and the wander that the record shows.
+    and the wander that the record shows. `earlier`: calibrations of the same unit by other runs, whose
+    information is added; what changed since is a caution. UnitMismatch for another unit's, ConfigurationError for
+    a run twice.
     """
+    for each in earlier:
+        each.require_unit(run.unit_id)
+        if run.run_id in each.runs:
+            raise ConfigurationError(
+                "the run is in the earlier calibration already", where=run.run_id, found=", ".join(each.runs)
+            )
     task = Task(site=Site(latitude_deg=run.latitude_deg, gravity=gravity_mps2), noise=noise)
     options = Options(
         wander=wander,
@@ -154,8 +168,19 @@ def calibrate(
         wander = wander or shown.wander
         options = replace(options, wander=wander)
         estimated = estimate(run.increments, replace(task, noise=shown.found), options, run.schedule)
-    evaluation = evaluate(task, run.schedule, run.table)
-    return Calibration(run, estimated, evaluation, wander, shown, not as_told, options)
+    evaluation = evaluate(after(task, earlier) if earlier else task, run.schedule, run.table)
+    changed = tuple(text for each in earlier for text in changes(estimated, task, each))
+    return Calibration(
+        run,
+        together(estimated, task, earlier) if earlier else estimated,
+        replace(evaluation, cautions=(*changed, *evaluation.cautions)),
+        wander,
+        shown,
+        not as_told,
+        options,
+        estimated,
+        tuple(earlier),
+    )
 
 
 def read_increments(path: Path) -> Increments:

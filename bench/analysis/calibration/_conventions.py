@@ -115,7 +115,8 @@ class Noise:
 class Task:
     """What a calibration starts from and must reach: site, noise, prior sigma and targets, SI, shape (30,)/(24,).
 
-    Defaults are the reference set: a navigation-grade unit after its factory calibration.
+    Defaults are the reference set: a navigation-grade unit after its factory calibration. `known`: what earlier
+    runs tell of the parameters beside the prior sigma, an information matrix (24, 24) in units of it, or None.
     """
 
     site: Site = field(default_factory=Site)
@@ -126,6 +127,7 @@ class Task:
     target_sigma: Array = field(
         default_factory=lambda: _by_kind((0.0, 0.0, 0.0), 0.0, (0.003, 10.0, 5.0, 5.0, 5.0))[PARAMETERS]
     )
+    known: Array | None = None
 
 
 def rotation(axis: Array, angle_rad: Array) -> Array:

@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 
 from bench.analysis.calibration._conventions import Task, rotation, signed_permutations
 from bench.analysis.calibration._schedule import Move, Schedule
-from bench.analysis.calibration._segments import Segment, compose, dwell_segments, fold, turn_segments
+from bench.analysis.calibration._segments import (
+    Segment,
+    compose,
+    dwell_segments,
+    fold,
+    informed,
+    turn_segments,
+)
 from bench.analysis.calibration._table import Gimbals, Table, mountings, turned
 from drivers.base.arrays import Array
 
@@ -25,7 +32,8 @@ Integers = NDArray[np.int64]
 class Graph:
     """`moves` (m): what an edge turns, six for quarter turns alone. `attitudes` (24, 3, 3), `node_attitude` (n,)
     index of each node's attitude, `edges` (n, m): the node that each move leads to, -1 where the table cannot;
-    `rests` (24,) and `segments` (24, m) in batch; `distance` (n, n) in turns.
+    `rests` (24,) and `segments` (24, m) in batch, `firsts` (24,) the rests that a run begins with; `distance`
+    (n, n) in turns.
     """
 
     moves: tuple[Move, ...]
@@ -35,6 +43,7 @@ class Graph:
     node_attitude: Integers
     edges: Integers
     rests: Segment
+    firsts: Segment
     segments: Segment
     distance: Integers
 
@@ -80,7 +89,18 @@ def build_graph(
     )
     both = compose(turns, rests[after.ravel()])
     segments = both.map(lambda part: part.reshape(24, len(moves), *part.shape[1:]))
-    return Graph(moves, table, pattern, attitudes, nodes, edges, rests, segments, _distances(edges))
+    return Graph(
+        moves,
+        table,
+        pattern,
+        attitudes,
+        nodes,
+        edges,
+        rests,
+        informed(rests, task),
+        segments,
+        _distances(edges),
+    )
 
 
 def _moved(attitudes: Array, moves: Sequence[Move]) -> Integers:
@@ -139,11 +159,10 @@ class Path:
 def stretch_of(graph: Graph, start: int, moves: Sequence[int], *, rest: bool) -> Segment:
     """Return the stretch of moves from a node; `rest`: the dwell at the node comes first."""
     at = graph.node_attitude[graph.walk(start, tuple(moves))]
-    first = graph.rests[at[0]]
     if not moves:
-        return first
+        return graph.firsts[at[0]] if rest else graph.rests[at[0]]
     whole = fold(graph.segments[at[:-1], list(moves)])
-    return compose(first, whole) if rest else whole
+    return compose(graph.firsts[at[0]], whole) if rest else whole
 
 
 def cuts(count: int) -> list[slice]:

@@ -114,10 +114,20 @@ def schedule_segments(task: Task, schedule: Schedule) -> Segment:
     attitudes = schedule.attitudes()
     unique, back = np.unique(np.round(attitudes, 6), axis=0, return_inverse=True)
     rests = dwell_segments(task, unique, schedule.dwell_s)[back.ravel()]
+    first = informed(rests[:1], task)
     if not schedule.moves:
-        return rests
+        return first
     turns = turn_segments(task, attitudes[:-1], schedule.moves, schedule.rate_dps, schedule.profile)
-    return join([rests[:1], compose(turns, rests[1:])])
+    return join([first, compose(turns, rests[1:])])
+
+
+def informed(segment: Segment, task: Task) -> Segment:
+    """Return a stretch, or a batch, that begins a run: what is known of the parameters before it is in it."""
+    if task.known is None:
+        return segment
+    information = segment.information.copy()
+    information[..., PARAMETERS, PARAMETERS] += task.known
+    return Segment(segment.transition, information, segment.noise)
 
 
 def chain_segments(segments: Segment) -> list[Segment]:

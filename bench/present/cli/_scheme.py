@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
@@ -30,6 +31,12 @@ SchemeBench = Annotated[
 Dwell = Annotated[float, Option(help="rest after every turn")]
 Rate = Annotated[float, Option(help="rate of the turns")]
 Latitude = Annotated[float, Option(help="latitude")]
+After = Annotated[
+    list[str] | None,
+    Option(
+        help="a run that was made before: its calibration (.gyrocomp), folder or scheme; once for each",
+    ),
+]
 
 
 @app.command()
@@ -49,6 +56,7 @@ def evaluate(
     json: Json = False,
     out: Annotated[Path | None, Option(help="write an HTML report here")] = None,
     bench: SchemeBench = None,
+    after: After = None,
 ) -> None:
     """Predict the accuracy of a scheme before the test.
 
@@ -69,6 +77,7 @@ def evaluate(
         table, latitude_deg, axes = _of_bench(bench)
         schedule = calibration.plan_turns(schedule, axes).schedule
     task = _task(latitude_deg, gravity_mps2, arw, vrw, velocity_noise_mps)
+    task = _after(task, after, dwell_s, rate_dps)
     evaluation = calibration.evaluate(task, schedule, _table(table))
     if out is not None:
         write_report(out, calibration_page(CalibrationContent(evaluation, created_utc=utc_now())))
@@ -94,6 +103,7 @@ def search(
     ] = "90",
     out: Annotated[Path | None, Option(help="write the scheme found (TOML) here")] = None,
     bench: SchemeBench = None,
+    after: After = None,
     jobs: Jobs = None,
     cluster: Cluster = None,
     as_json: Json = False,
@@ -104,6 +114,8 @@ def search(
 
     With a bench file what is promised is what this table reaches: each scheme counts from the home that the table
     really starts it from.
+
+    With --after it is the scheme that adds most to the runs that were made before.
     """
     import numpy as np
 
@@ -117,7 +129,7 @@ def search(
     pattern = calibration.Schedule(
         "", (), np.eye(3), _positive("dwell", dwell_s), _positive("rate", rate_dps)
     )
-    task = _task(latitude_deg, None, arw, vrw, 1e-3)
+    task = _after(_task(latitude_deg, None, arw, vrw, 1e-3), after, dwell_s, rate_dps)
     if not 2 <= turns <= 40:
         raise ConfigurationError("turns out of range", where="--turns", found=str(turns), expected="2 to 40")
     with fan_out(jobs, cluster) as fan:
@@ -197,6 +209,20 @@ def _task(
         _positive("arw", arw), _positive("vrw", vrw), _positive("velocity-noise", velocity_noise_mps)
     )
     return Task(site=Site(latitude_deg=latitude_deg, gravity=gravity), noise=noise)
+
+
+def _after(task: Task, runs: Sequence[str] | None, dwell_s: float, rate_dps: float) -> Task:
+    """Return the task of a further run after some: calibrations, run folders, schemes of this dwell and rate."""
+    from bench.analysis import calibration
+
+    def told(run: str) -> calibration.Schedule | calibration.ImuCompensation:
+        if run.endswith(".gyrocomp"):
+            return calibration.ImuCompensation.load(Path(run))
+        if Path(run).is_dir():
+            return calibration.load_calibration_run(Path(run)).schedule
+        return calibration.load_scheme(run).with_(dwell_s=dwell_s, rate_dps=rate_dps)
+
+    return calibration.after(task, [told(run) for run in runs]) if runs else task
 
 
 def _table(name: str) -> Table:

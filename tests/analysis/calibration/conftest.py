@@ -88,8 +88,15 @@ def q_matrix(task: Task, schedule: Schedule) -> Array:
 
 def kalman(task: Task, schedule: Schedule, keep: list[int] = KEPT) -> Array:
     """Posterior sigma, SI, of the 30 states at the end, by the covariance filter, a step a second."""
+    return np.sqrt(np.diag(kalman_covariance(task, schedule, keep))) * task.prior_sigma
+
+
+def kalman_covariance(
+    task: Task, schedule: Schedule, keep: list[int] = KEPT, start: Array | None = None
+) -> Array:
+    """Covariance (30, 30) at the end in units of prior sigma, from `start` (the prior)."""
     scale = task.prior_sigma
-    p = np.eye(30)
+    p = np.eye(30) if start is None else start
     g = skew(np.array([0.0, 0.0, task.site.gravity_mps2]))
 
     def noise(time: float) -> Array:
@@ -117,7 +124,7 @@ def kalman(task: Task, schedule: Schedule, keep: list[int] = KEPT) -> Array:
             move = schedule.moves[number]
             step = scaled(turn_matrix(task, c, schedule, number))
             p = step @ p @ step.T + noise(abs(move.angle_deg) / schedule.rate_dps)
-    return np.sqrt(np.diag(p)) * scale
+    return p
 
 
 def null_space_degree(q: Array, column: int) -> float:
@@ -130,4 +137,10 @@ def null_space_degree(q: Array, column: int) -> float:
 
 @pytest.fixture(scope="session")
 def plain() -> SimpleNamespace:
-    return SimpleNamespace(q_matrix=q_matrix, kalman=kalman, null_space_degree=null_space_degree, skew=skew)
+    return SimpleNamespace(
+        q_matrix=q_matrix,
+        kalman=kalman,
+        covariance=kalman_covariance,
+        null_space_degree=null_space_degree,
+        skew=skew,
+    )

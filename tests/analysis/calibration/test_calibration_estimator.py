@@ -226,7 +226,9 @@ def test_what_depends_on_the_latitude_is_estimated_with_the_noise_of_the_estimat
     run = SimpleNamespace(increments="data", schedule="turns", certificates=())
     shown = SimpleNamespace(found=replace(TASK.noise, arw_deg_per_sqrt_h=0.123))
     for corrected in (True, False):
-        made = Calibration(run, found, SimpleNamespace(task=TASK), None, shown, corrected, Options(passes=7))
+        made = Calibration(
+            run, found, SimpleNamespace(task=TASK), None, shown, corrected, Options(passes=7), found
+        )
         # a change of one by 0.02 deg; of a gyro's bias in deg/h
         assert made.budgets["eps_x"].contributions[1].sensitivity == pytest.approx(-50.0 / UNITS[0])
         noise = shown.found if corrected else TASK.noise

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bench.analysis.calibration import PARAMETERS, STATE_NAMES, UNIT_SIZE, Schedule, Task, load_scheme
+from bench.analysis.calibration import PARAMETERS, STATE_NAMES, UNIT_SIZE, Schedule, Task, after, load_scheme
 from bench.analysis.calibration._model import observability_matrix
 from bench.analysis.calibration._result import observability
 from bench.analysis.calibration._schedule import parse_moves
@@ -176,3 +176,19 @@ def test_composition_is_associative() -> None:
     for name in ("transition", "information", "noise"):
         ours, theirs = getattr(left, name), getattr(right, name)
         np.testing.assert_allclose(ours, theirs, rtol=1e-8, atol=1e-10 * np.abs(theirs).max())
+
+
+def test_a_run_after_others_knows_what_they_told_and_begins_its_navigation_anew(
+    plain: SimpleNamespace,
+) -> None:
+    first, second = constant("19-position", 20.0), constant("o8", 20.0)
+    start = np.eye(30)
+    start[PARAMETERS, PARAMETERS] = plain.covariance(TASK, first)[PARAMETERS, PARAMETERS]
+    expected = plain.covariance(TASK, second, start=start)
+    further = after(TASK, [first])
+    found = covariance(fold(schedule_segments(further, second)))
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
+    # three runs: one after the other is the same as both before the third
+    twice = after(further, [second])
+    assert twice.known == pytest.approx(after(TASK, [second, first]).known, rel=1e-9)
+    assert TASK.known is None

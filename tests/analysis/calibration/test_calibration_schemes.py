@@ -16,6 +16,7 @@ from bench.analysis.calibration import (
     Effort,
     Schedule,
     Task,
+    after,
     evaluate,
     home_attitude,
     home_text,
@@ -190,15 +191,15 @@ def _runs_on_two_axes(scheme: Schedule) -> bool:
             if abs(scheme.home[outer, inner]) > 0.5:
                 continue
             node, ok = scheme.home, True
-            for after in scheme.attitudes()[1:]:
+            for wanted in scheme.attitudes()[1:]:
                 reached = [
                     node @ quarter[inner],
                     node @ quarter[inner].T,
                     quarter[outer] @ node,
                     quarter[outer].T @ node,
                 ]
-                ok = ok and any(np.allclose(each, after) for each in reached)
-                node = after
+                ok = ok and any(np.allclose(each, wanted) for each in reached)
+                node = wanted
             if ok:
                 return True
     return False
@@ -292,6 +293,24 @@ def test_evaluate_command_prints_and_speaks_json(capsys: pytest.CaptureFixture[s
         commands.evaluate("o8", table="two-axis-horizontal")
     with pytest.raises(ConfigurationError, match="latitude"):
         commands.evaluate("o8", latitude_deg=90.0)
+
+
+def test_turns_after_a_run_are_chosen_for_what_it_left_open(capsys: pytest.CaptureFixture[str]) -> None:
+    """Eight of them add more to 23 positions than eight that know of no run, and than no further run."""
+    pattern = Schedule("", (), np.eye(3), 60.0)
+    before = load_scheme("23-position").with_(dwell_s=60.0)
+    further = after(TASK, [before])
+    table = "two-axis-horizontal"
+    chosen = search(further, table, 8, pattern, effort=Effort(8, 60, 1))
+    alone = search(TASK, table, 8, pattern, effort=Effort(8, 60, 1))
+    promised = evaluate(further, chosen.schedule).merit.worst
+    assert chosen.merit.worst == pytest.approx(promised, rel=1e-6)
+    assert promised < evaluate(further, alone.schedule).merit.worst < evaluate(TASK, before).merit.worst
+    # the same by the command, of which a run is named by its scheme
+    commands.evaluate("o8", dwell_s=60.0, after=["23-position"], json=True)
+    printed = json.loads(capsys.readouterr().out)
+    expected = evaluate(further, load_scheme("o8").with_(dwell_s=60.0)).merit.worst
+    assert printed["worst_sigma_over_target"] == pytest.approx(expected, rel=1e-6)
 
 
 def test_search_command_writes_a_scheme_that_loads(

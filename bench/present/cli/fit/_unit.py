@@ -115,6 +115,12 @@ def calibration(
     as_told: Annotated[
         bool, Option("--as-told", help="keep the noise that was told, whatever the record shows")
     ] = False,
+    after: Annotated[
+        list[Path] | None,
+        Option(
+            help="calibration of the unit by another run (.gyrocomp), to be taken together; once for each"
+        ),
+    ] = None,
     hand: Annotated[
         bool, Option("--by-hand", help="the unit was turned by hand; the record is a mapping file (TOML)")
     ] = False,
@@ -132,7 +138,14 @@ def calibration(
         return
     if turn_deg is not None:
         raise BadParameter("--turn-deg goes with --by-hand")
-    from bench.analysis.calibration import DPH_RAD_S, BiasWander, Noise, calibrate, load_record
+    from bench.analysis.calibration import (
+        DPH_RAD_S,
+        BiasWander,
+        ImuCompensation,
+        Noise,
+        calibrate,
+        load_record,
+    )
     from bench.analysis.common.state_file import save_file, saved_together
     from bench.present.report import CalibrationContent, calibration_page, write_report
     from drivers.base.constants import UG_MPS2
@@ -151,6 +164,7 @@ def calibration(
             lever_arms=lever_arms,
             range_dps=range_dps,
             as_told=as_told,
+            earlier=[ImuCompensation.load(path) for path in after or ()],
         )
         content = CalibrationContent(
             result.evaluation,
