@@ -2,15 +2,17 @@
 
 Each explanation foretells the run as a Gaussian: the mean that its fitted effects give, the spread of an effect
 of unknown size, white noise after whitening. The mutual information between explanation and data is bounded from
-below by pairwise Bhattacharyya distances (Kolchinsky and Tracey, Entropy 19, 361, 2017, eq. 10). All distances
-follow from the run's Gram matrix of the effects' columns, the nominal model's own taken out.
+below by pairwise Bhattacharyya distances and from above by pairwise Kullback-Leibler divergences (Kolchinsky and
+Tracey, Entropy 19, 361, 2017, eq. 10 to 12); the mean of both is taken. All distances follow from the run's Gram
+matrix of the effects' columns, the nominal model's own taken out.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,20 +36,19 @@ class Foretold:
 
 
 def expected_information(gram: Array, explanations: Sequence[Foretold]) -> float:
-    """Return the least information that a run of this Gram matrix (p, p) is expected to give, in nats."""
+    """Return the information that a run of this Gram matrix (p, p) is expected to give, in nats."""
     weights = np.array([each.probability for each in explanations])
     weights = weights / weights.sum()
+    spreads = [_Spread.of(gram, each) for each in explanations]
     count = len(explanations)
-    roots = [_root(each) for each in explanations]
-    log_volumes = [_log_volume(gram, root) for root in roots]
-    near = np.eye(count)
-    for i in range(count):
-        for j in range(i):
-            root = np.concatenate((roots[i], roots[j]), axis=1) / math.sqrt(2.0)
-            apart = explanations[i].mean - explanations[j].mean
-            distance = _bhattacharyya(gram, apart, root, 0.5 * (log_volumes[i] + log_volumes[j]))
-            near[i, j] = near[j, i] = math.exp(-distance)
-    return float(-(weights @ np.log(near @ weights)))
+    near, farther = np.eye(count), np.eye(count)
+    for i, j in product(range(count), repeat=2):
+        if i > j:
+            near[i, j] = near[j, i] = math.exp(-_bhattacharyya(gram, spreads[i], spreads[j]))
+        if i != j:
+            farther[i, j] = math.exp(-max(_divergence(gram, spreads[i], spreads[j]), 0.0))
+    bounds = [float(-(weights @ np.log(each @ weights))) for each in (near, farther)]
+    return 0.5 * sum(bounds)
 
 
 def expected_if(gram: Array, explanations: Sequence[Foretold], true: int) -> Array:
@@ -56,13 +57,8 @@ def expected_if(gram: Array, explanations: Sequence[Foretold], true: int) -> Arr
     Each loses the mean log odds that the run gives against it: the Kullback-Leibler divergence of the true one's
     prediction, at its fitted size, from its own, less that from the true one's with its spread.
     """
-    lost = np.zeros(len(explanations))
-    for index, each in enumerate(explanations):
-        root = _root(each)
-        inner = np.eye(root.shape[1]) + root.T @ gram @ root
-        square = _apart(gram, explanations[true].mean - each.mean, root, inner)
-        shrunk = root.shape[1] - float(np.trace(np.linalg.inv(inner)))
-        lost[index] = 0.5 * (square + float(np.linalg.slogdet(inner)[1]) - shrunk)
+    fitted = _Spread.of(gram, replace(explanations[true], sigmas=np.zeros(len(gram))))
+    lost = np.array([_divergence(gram, fitted, _Spread.of(gram, each)) for each in explanations])
     weights = np.array([each.probability for each in explanations]) * np.exp(
         -np.maximum(lost - lost[true], 0.0)
     )
@@ -74,36 +70,59 @@ def deflection(gram: Array, mean: Array) -> float:
     return math.sqrt(max(float(mean @ gram @ mean), 0.0))
 
 
-def _root(explanation: Foretold) -> Array:
-    """Return a root (p, k) of the covariance of an explanation's coefficients."""
-    spread = explanation.spread
-    root = np.zeros((len(explanation.mean), len(spread)))
-    root[spread, np.arange(len(spread))] = explanation.sigmas[spread]
-    return root
+@dataclass(frozen=True, eq=False)
+class _Spread:
+    """A prediction N(X m, I + X R R' X'): m (p,), R (p, k), and what follows of both with G = X' X.
 
-
-def _log_volume(gram: Array, root: Array) -> float:
-    """Return the log determinant of the covariance I + X R R' X', X' X being the Gram matrix."""
-    inner = np.eye(root.shape[1]) + root.T @ gram @ root
-    return float(np.linalg.slogdet(inner)[1])
-
-
-def _bhattacharyya(gram: Array, apart: Array, root: Array, log_volume: float) -> float:
-    """Return the distance of two predictions whose means are `apart`.
-
-    `root`: of the mean of their covariances; `log_volume`: the mean of theirs.
+    `seen` = G R, `inner` = I + R' G R, and the log determinant of that, which is the covariance's.
     """
-    inner = np.eye(root.shape[1]) + root.T @ gram @ root
-    square = _apart(gram, apart, root, inner)
-    return 0.125 * square + 0.5 * max(float(np.linalg.slogdet(inner)[1]) - log_volume, 0.0)
+
+    mean: Array
+    root: Array
+    seen: Array
+    inner: Array
+    log_volume: float
+
+    @classmethod
+    def of(cls, gram: Array, explanation: Foretold) -> _Spread:
+        """Return that of an explanation."""
+        spread = explanation.spread
+        root = np.zeros((len(explanation.mean), len(spread)))
+        root[spread, np.arange(len(spread))] = explanation.sigmas[spread]
+        return cls.with_root(gram, explanation.mean, root)
+
+    @classmethod
+    def with_root(cls, gram: Array, mean: Array, root: Array) -> _Spread:
+        """Return that of a mean and a root of the coefficients' covariance."""
+        seen = gram @ root
+        inner = np.eye(root.shape[1]) + root.T @ seen
+        return cls(mean, root, seen, inner, float(np.linalg.slogdet(inner)[1]))
 
 
-def _apart(gram: Array, apart: Array, root: Array, inner: Array) -> float:
-    """Return the square of the distance of two means in units of a spread, `inner` = I + R' X' X R.
+def _bhattacharyya(gram: Array, one: _Spread, other: _Spread) -> float:
+    """Return the distance of two predictions."""
+    root = np.concatenate((one.root, other.root), axis=1) / math.sqrt(2.0)
+    between = _Spread.with_root(gram, one.mean, root)
+    volume = between.log_volume - 0.5 * (one.log_volume + other.log_volume)
+    return 0.125 * _apart(gram, one.mean - other.mean, between) + 0.5 * max(volume, 0.0)
+
+
+def _divergence(gram: Array, true: _Spread, other: _Spread) -> float:
+    """Return the Kullback-Leibler divergence of the `true` prediction from another, in nats."""
+    spread = float(np.sum(true.root * true.seen))
+    across = other.root.T @ true.seen
+    own = other.inner - np.eye(len(other.inner))
+    taken = float(np.trace(np.linalg.solve(other.inner, own + across @ across.T)))
+    square = _apart(gram, true.mean - other.mean, other)
+    return 0.5 * (spread - taken + square + other.log_volume - true.log_volume)
+
+
+def _apart(gram: Array, apart: Array, spread: _Spread) -> float:
+    """Return the square of the distance of two means in units of a spread.
 
     A formula misses up to a quarter of a real effect's amplitude, in a few directions: what tells the means
     apart counts only as far as that leaves.
     """
-    across = root.T @ gram @ apart
-    square = max(float(apart @ gram @ apart - across @ np.linalg.solve(inner, across)), 0.0)
+    across = spread.seen.T @ apart
+    square = max(float(apart @ gram @ apart - across @ np.linalg.solve(spread.inner, across)), 0.0)
     return square / (1.0 + MISFIT**2 * square / DIRECTIONS)

@@ -313,7 +313,7 @@ def test_slow_rates_are_means_of_twenty_samples_at_one_rate():
 
 
 def test_expected_information_follows_from_the_distances_of_the_predictions():
-    """Bhattacharyya's of Gaussians of four samples, means apart as far as a formula's misfit leaves them."""
+    """Both distances of Gaussians of four samples; means apart as far as a formula's misfit leaves them."""
     rng = np.random.default_rng(6)
     columns = rng.normal(size=(4, 3))
     explanations = [
@@ -323,7 +323,7 @@ def test_expected_information_follows_from_the_distances_of_the_predictions():
     ]
     weights = np.array([0.2, 0.7, 0.6]) / 1.5
     spreads = [np.eye(4) + (columns * each.sigmas**2) @ columns.T for each in explanations]
-    near = np.eye(3)
+    near, farther = np.eye(3), np.eye(3)
     for i in range(3):
         for j in range(3):
             middle = 0.5 * (spreads[i] + spreads[j])
@@ -332,7 +332,15 @@ def test_expected_information_follows_from_the_distances_of_the_predictions():
             square /= 1.0 + MISFIT**2 * square / DIRECTIONS
             volumes = [math.log(np.linalg.det(each)) for each in (middle, spreads[i], spreads[j])]
             near[i, j] = math.exp(-(square / 8.0 + 0.5 * (volumes[0] - 0.5 * (volumes[1] + volumes[2]))))
-    expected = -sum(w * math.log(float(row @ weights)) for w, row in zip(weights, near, strict=True))
+            own = float(apart @ np.linalg.solve(spreads[j], apart))
+            own /= 1.0 + MISFIT**2 * own / DIRECTIONS
+            spread = float(np.trace(np.linalg.solve(spreads[j], spreads[i]))) - 4.0
+            farther[i, j] = math.exp(-0.5 * (spread + own + volumes[2] - volumes[1]))
+    bounds = [
+        -sum(w * math.log(float(row @ weights)) for w, row in zip(weights, each, strict=True))
+        for each in (near, farther)
+    ]
+    expected = 0.5 * sum(bounds)
     assert expected_information(columns.T @ columns, explanations) == pytest.approx(expected, rel=1e-9)
 
 

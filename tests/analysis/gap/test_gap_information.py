@@ -39,7 +39,7 @@ def sampled_information(explanations, rng, count=40_000):
     sigma=st.floats(0.0, 6.0),
     weight=st.floats(0.1, 0.9),
 )
-def test_the_bound_is_never_negative_nor_above_the_entropy(mean, sigma, weight):
+def test_it_is_never_negative_nor_above_the_entropy(mean, sigma, weight):
     explanations = [foretold(1.0 - weight), foretold(weight, mean, (sigma, 0.0))]
     entropy = -sum(p * math.log(p) for p in (weight, 1.0 - weight))
     assert -1e-12 <= expected_information(GRAM, explanations) <= entropy + 1e-12
@@ -53,10 +53,10 @@ def test_the_bound_is_never_negative_nor_above_the_entropy(mean, sigma, weight):
         [foretold(0.7, (1.0, 1.0)), foretold(0.3, (1.0, 1.0), (3.0, 0.0))],
     ],
 )
-def test_the_bound_is_below_the_exact_information_and_most_of_it(explanations):
+def test_it_is_near_the_exact_information(explanations):
     exact = sampled_information(explanations, np.random.default_rng(5))
-    bound = expected_information(GRAM, explanations)
-    assert 0.4 * exact < bound < exact + 0.01
+    # between a bound below and one above: with little information and two explanations the mean is too high
+    assert 0.9 * exact < expected_information(GRAM, explanations) < 1.45 * exact
 
 
 def test_what_foretells_the_same_tells_nothing_and_what_is_far_apart_tells_all():
