@@ -6,7 +6,13 @@ from bench.analysis.gap._describe import UnknownPart
 from bench.analysis.gap._designs import Design, designs_for, key_of, other_equipment
 from bench.analysis.gap._diagnose import Diagnosis, closed_model, diagnose
 from bench.analysis.gap._exam_folder import hold_exam, read_exam
-from bench.analysis.gap._facts import batch_facts, diagnosis_facts, identifiable_facts, log_gap_facts
+from bench.analysis.gap._facts import (
+    batch_facts,
+    diagnosis_facts,
+    identifiable_facts,
+    log_gap_facts,
+    sharpened_facts,
+)
 from bench.analysis.gap._fast import FastFinding
 from bench.analysis.gap._fast_lines import FastLine
 from bench.analysis.gap._findings import Cause, Finding, Place, Shrinkage
@@ -22,6 +28,7 @@ from bench.analysis.gap._recordings import Recordings, read_batch, read_recordin
 from bench.analysis.gap._rehearsal import LogCurve, LogGap, LogGaps, log_gaps
 from bench.analysis.gap._score import Exam, Marked
 from bench.analysis.gap._series import Difference, differences, write_missing
+from bench.analysis.gap._sharpen import Sharpened, sharpened
 from bench.analysis.gap._simulation import Simulation, take_own
 from bench.analysis.gap._suggest import Suggestion, suggest
 
@@ -52,6 +59,7 @@ __all__ = [
     "PositionFinding",
     "RateFinding",
     "Recordings",
+    "Sharpened",
     "Shrinkage",
     "Simulation",
     "Suggestion",
@@ -79,6 +87,8 @@ __all__ = [
     "read_exam",
     "read_model",
     "read_recordings",
+    "sharpened",
+    "sharpened_facts",
     "suggest",
     "take_own",
     "write_missing",

@@ -17,6 +17,7 @@ from bench.analysis.gap._model_file import AnyTerm, Term, by_parameter
 from bench.analysis.gap._position import PositionFinding
 from bench.analysis.gap._rate import RateFinding
 from bench.analysis.gap._rehearsal import LogGaps
+from bench.analysis.gap._sharpen import Sharpened
 from bench.analysis.gap._suggest import Suggestion
 
 _SHARE = {"share": "share", "low": "low", "high": "high"}
@@ -66,6 +67,26 @@ def batch_facts(batch: Batch) -> dict[str, Any]:
 def identifiable_facts(found: Sequence[Identifiable]) -> dict[str, Any]:
     """Return what runs can show of each effect as JSON values."""
     return {"effects": [_finite(vars(effect)) for effect in found]}
+
+
+def sharpened_facts(found: Sequence[Sharpened]) -> dict[str, Any]:
+    """Return how well parameters are known, now and after each run, as JSON values."""
+    now, *after = found
+    runs = [
+        _finite(
+            {
+                "procedure": each.design.procedure,
+                "parameters": each.design.text,
+                "settings": dict(each.design.settings),
+                "hours": each.design.hours,
+                "hours_as_good_as_best": each.hours,
+                "sigma": each.sigmas,
+            }
+        )
+        for each in after
+        if each.design is not None
+    ]
+    return {"units": dict(now.units), "sigma": dict(now.sigmas), "runs": runs}
 
 
 def log_gap_facts(gaps: LogGaps) -> dict[str, Any]:

@@ -83,7 +83,7 @@ class Outlook:
     explanations: tuple[Explanation, ...]
     hidden_from_bench: tuple[str, ...]
     energies: Mapping[str, float]
-    _columns: _Columns = field(repr=False)
+    _columns: Columns = field(repr=False)
     _sigmas: Mapping[str, Array] = field(repr=False)
     _made: Mapping[str, Sequence[GapRun]] = field(repr=False, default_factory=dict)
     _heat: Heat | None = None
@@ -111,7 +111,7 @@ class Outlook:
         return self._choice(design).nats
 
     @cached_property
-    def _all_columns(self) -> _Columns:
+    def _all_columns(self) -> Columns:
         """The effects' columns with those of all terms of the explanations."""
         return self._columns.with_terms(self.explanations)
 
@@ -154,7 +154,7 @@ class Outlook:
             return recorded or design.runs()
         return [self._heat.on(run) for run in design.runs()]
 
-    def _foretold(self, explanation: Explanation, columns: _Columns) -> Foretold:
+    def _foretold(self, explanation: Explanation, columns: Columns) -> Foretold:
         mean, sigmas = np.zeros(columns.count), np.zeros(columns.count)
         for term in explanation.terms:
             own = columns.place(term.variant)
@@ -178,7 +178,7 @@ def outlook(
     """
     fitted = model if finding is None else finding.nominal
     effects = effects_beside(model)
-    columns = _Columns(fitted, {name: usual_variant(effect) for name, effect in effects.items()})
+    columns = Columns(fitted, {name: usual_variant(effect) for name, effect in effects.items()})
     heat = heat_of(recorded)
     foretold = [[run if heat is None else heat.on(run) for run in design.runs()] for design in designs]
     energies = np.array([np.diag(columns.gram(runs)) for runs in foretold])
@@ -222,7 +222,7 @@ def information_gained(before: Mapping[str, float], after: Mapping[str, float]) 
     return max(gained, 0.0)
 
 
-class _Columns:
+class Columns:
     """Columns of the effects that a model lacks, each in its usual form, and of fitted terms after them."""
 
     def __init__(self, model: Model, usual: Mapping[str, Variant], fitted: Sequence[Variant] = ()) -> None:
@@ -240,10 +240,10 @@ class _Columns:
         """Return where the columns of a fitted term are."""
         return next(place for place, own in zip(self._places, self.variants, strict=True) if own is variant)
 
-    def with_terms(self, explanations: Sequence[Explanation]) -> _Columns:
+    def with_terms(self, explanations: Sequence[Explanation]) -> Columns:
         """Return the columns with those of all terms of some explanations."""
         fitted = {id(term.variant): term.variant for each in explanations for term in each.terms}
-        return _Columns(self._model, self._usual, list(fitted.values()))
+        return Columns(self._model, self._usual, list(fitted.values()))
 
     def gram(self, runs: Sequence[GapRun]) -> Array:
         """Return the whitened columns' products in some runs, (p, p), what the nominal model can imitate out."""

@@ -8,7 +8,8 @@ from bench.present.cli.gap._diagnose import close, diagnose
 from bench.present.cli.gap._exam import exam
 from bench.present.cli.gap._hunt import hunt
 from bench.present.cli.gap._rehearse import rehearse
+from bench.present.cli.gap._sharpen import sharpen
 
 app = Typer(name="gap", no_args_is_help=True)
-for command in (check, diagnose, batch, close, hunt, rehearse, exam):
+for command in (check, diagnose, batch, close, hunt, sharpen, rehearse, exam):
     app.command()(command)
