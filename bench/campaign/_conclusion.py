@@ -22,7 +22,7 @@ _DOUBT_NATS = 0.02
 _CLEAR = 10.0
 """Standard deviations above the noise that a run must show of an explanation to confirm it."""
 _MOST_CONFIRMING = 2
-"""Runs in a row that may fail to confirm an answer: its form is then not the formula's, a third tells no more."""
+"""Runs in a row that may fail to confirm an answer: what was fitted does not foretell, a third tells no more."""
 
 _IN_VAIN, _MOST_IN_VAIN = 0.1, 4
 """Part of what was expected below which a run told nothing; after so many in a row no other is expected to."""
@@ -112,8 +112,9 @@ def next_choice(
     """
     if now.confirmed is not None:
         tries = list(takewhile(lambda told: told.confirming == now.acts, reversed(history)))
-        more = not now.confirmed and len(tries) < _MOST_CONFIRMING
-        choice = now.outlook.showing(now.unseen, left_h, _CLEAR) if more else None
+        if not now.confirmed and len(tries) == _MOST_CONFIRMING:
+            return None, UNDECIDED
+        choice = None if now.confirmed else now.outlook.showing(now.unseen, left_h, _CLEAR)
         return choice, "" if choice else DECIDED
     if _in_vain(history) >= _MOST_IN_VAIN:
         return None, UNDECIDED
@@ -205,6 +206,6 @@ def _confirmed(
     names = frozenset(cause.name for cause in before.rate.causes)
     names |= {gap.UNKNOWN} if before.rate.unknown_probability > 0.5 else set()
     held = [each for each in before.rate.held_out if each.cells]
-    if names == label and (gap.UNKNOWN in names or any(each.low > 0.5 for each in held)):
+    if names == label and (gap.UNKNOWN in names or any(each.low > 0.0 for each in held)):
         return True, frozenset()
     return False, (label - names) or label

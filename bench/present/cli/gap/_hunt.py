@@ -167,12 +167,9 @@ def _say_end(console: Terminal, search: Hunt, outcome: str, reason: str) -> int:
         style="green" if end.ended == "decided" else "yellow",
     )
     if end.ended == "decided" and not end.confirmed:
-        tried = sum(step.chosen.to_confirm for step in steps)
-        console.say(
-            f"not confirmed: its fitted form did not foretell what the {tried} runs made to confirm it gave"
-            if tried
-            else "not confirmed: no run that fits into the bench time left would show it again"
-        )
+        console.say("not confirmed: no run that fits into the bench time left would show it again")
+    if end.ended == "undecided" and end.confirmed is False:
+        console.say("not confirmed: what was fitted did not foretell the runs made to see it again")
     console.say_all(f"this would tell more: {text}" for text in elsewhere)
     return 0 if end.ended == "decided" else 4
 
