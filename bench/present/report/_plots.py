@@ -65,7 +65,7 @@ def trace_figure(figure_id: str, trace: Trace) -> list[Block]:
     ]
     what = " and ".join(plot.y_label.split(",")[0].lower() for plot in plots)
     who = f" of {trace.gyro}" if trace.gyro else ""
-    means = f" {trace.output_name}: 100 s means." if output is not None else ""
+    means = f" {trace.output_name}: {trace.output_block_s:g} s means." if output is not None else ""
     caption = f"Run {trace.run_id}: {what}{who} over the phases of the run.{means}"
     return [lanes(figure_id, plots, "Time since power-on, h", caption, phases=phases)]
 

@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.present.report._run_notes import Attached, attached_notes
 from bench.present.sentences import safe_sentence, sentence
@@ -25,7 +26,8 @@ if TYPE_CHECKING:
     from bench.analysis.common.uncertainty import Budget
     from bench.record.recording import Manifest, Run
 
-_BLOCK_S = 100.0
+_BLOCKS_S = (100.0, 10.0)
+"""Length of the means of the output; the shorter one where the table's rate changes in most of the longer."""
 _TURNING_DPS = 0.05
 
 Table = Mapping[str, Any]
@@ -35,7 +37,8 @@ Table = Mapping[str, Any]
 class Trace:
     """What one gyro saw over a run. `time_s` and the temperatures have shape (n,); None where not measured.
 
-    `output_time_s` and `output_dph`, shape (m,), are 100 s means in deg/h of what `output_name` says.
+    `output_time_s` and `output_dph`, shape (m,), are means over `output_block_s`, in deg/h, of what `output_name`
+    says.
     `phases` are (start_s, name), each lasting until the next.
     """
 
@@ -51,6 +54,7 @@ class Trace:
     output_time_s: Array | None = None
     output_dph: Array | None = None
     output_name: str = "Bias"
+    output_block_s: float = _BLOCKS_S[0]
     gyro: str = ""
 
 
@@ -198,21 +202,26 @@ def _trace(run: Run, gyro: str, chamber: Table | None, turntable: Table | None) 
 
 
 def _with_output(trace: Trace, output: Table, time_s: Array, turntable: Table | None) -> Trace:
-    """Add the gyro's temperature (10 s means) and its output less the table's rate (100 s means, deg/h).
+    """Add the gyro's temperature (10 s means) and its output less the table's rate (means, deg/h).
 
     A block in which the table's rate changed says nothing about the gyro and is left empty.
     """
     valid = np.asarray(output["valid"], dtype=bool)
     temp_s, temp_c = block_means(time_s, np.asarray(output["temp_c"], dtype=np.float64), 10.0)
     known = np.isfinite(temp_c)
-    middle_s, rate_dps = block_means(
-        time_s[valid], np.asarray(output["rate_dps"], dtype=np.float64)[valid], _BLOCK_S
-    )
-    table_dps = np.zeros_like(middle_s)
-    if turntable is not None and len(middle_s):
-        table_dps = _steady_rate(
-            _seconds(turntable), np.asarray(turntable["rate_dps"], dtype=np.float64), middle_s
-        )
+    measured_dps = np.asarray(output["rate_dps"], dtype=np.float64)
+    table = None
+    if turntable is not None and len(turntable["rate_dps"]):
+        table = _seconds(turntable), np.asarray(turntable["rate_dps"], dtype=np.float64)
+        measured_dps = np.where(_changing(time_s, *table), np.nan, measured_dps)
+    for block_s in _BLOCKS_S:
+        middle_s, rate_dps = block_means(time_s[valid], measured_dps[valid], block_s)
+        table_dps = np.zeros_like(middle_s)
+        if table is None or not len(middle_s):
+            break
+        table_dps = _steady_rate(*table, middle_s, block_s)
+        if np.isfinite(table_dps).mean() > 0.5:
+            break
     turned = bool(np.nanmax(np.abs(table_dps), initial=0.0) > _TURNING_DPS)
     gyro_temp_c = (
         np.interp(trace.time_s, temp_s[known], temp_c[known], np.nan, np.nan) if known.any() else None
@@ -223,6 +232,7 @@ def _with_output(trace: Trace, output: Table, time_s: Array, turntable: Table | 
         output_time_s=middle_s,
         output_dph=3600.0 * (rate_dps - table_dps),
         output_name="Output less table rate" if turned else "Output",
+        output_block_s=block_s,
     )
 
 
@@ -241,17 +251,21 @@ def block_means(time_s: Array, values: Array, block_s: float) -> tuple[Array, Ar
     return middle, means
 
 
-def _steady_rate(time_s: Array, rate_dps: Array, middle_s: Array) -> Array:
+def _steady_rate(time_s: Array, rate_dps: Array, middle_s: Array, block_s: float) -> Array:
     """Return the table's mean rate in each block; NaN where it changed by more than the reading's own scatter."""
-    edges = np.searchsorted(
-        time_s, np.concatenate((middle_s - _BLOCK_S / 2.0, middle_s[-1:] + _BLOCK_S / 2.0))
-    )
+    edges = np.searchsorted(time_s, np.concatenate((middle_s - block_s / 2.0, middle_s[-1:] + block_s / 2.0)))
     means = np.full(len(middle_s), np.nan)
     for block, (start, stop) in enumerate(pairwise(edges)):
         part = rate_dps[start:stop]
         if len(part) and np.ptp(part) <= _TURNING_DPS + 1e-3 * np.abs(part).max():
             means[block] = part.mean()
     return means
+
+
+def _changing(time_s: Array, table_s: Array, table_dps: Array) -> NDArray[np.bool_]:
+    """Return which samples (n,) lie between two readings of the table of which the rates differ."""
+    apart = np.abs(np.diff(table_dps)) > _TURNING_DPS + 1e-3 * np.abs(table_dps[1:])
+    return np.concatenate(([False], apart, [False]))[np.searchsorted(table_s, time_s)]
 
 
 def _case(run: Run, sensor: int | None, time_s: Array) -> Array | None:

@@ -136,6 +136,22 @@ def test_a_block_in_which_the_table_changed_its_rate_is_empty(tmp_path: Path) ->
     (trace,) = run_content(Run.open(folder)).traces
     assert trace.output_dph is not None
     assert np.flatnonzero(np.isnan(trace.output_dph)).tolist() == [3]
+    assert trace.output_block_s == 100.0
+
+
+def test_where_the_rate_changes_every_minute_the_blocks_are_shorter(tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "run-1", manifest_of())
+    table = pq.read_table(folder / "turntable.parquet").to_pydict()
+    table["rate_dps"] = [0.0 if at // 60 % 2 else 20.0 for at in range(len(table["rate_dps"]))]
+    pq.write_table(pa.table(table), folder / "turntable.parquet")
+    (trace,) = run_content(Run.open(folder)).traces
+    assert trace.output_dph is not None and trace.output_time_s is not None
+    assert trace.output_block_s == 10.0
+    np.testing.assert_allclose(trace.output_time_s, np.arange(5.0, DURATION_S, 10.0))
+    assert np.isfinite(trace.output_dph).mean() > 0.8
+    # the gyro of this folder turns for ten minutes, whatever the table does
+    known = trace.output_dph[np.isfinite(trace.output_dph)]
+    assert set(np.round(known - 0.36, 3)) == {-72_000.0, 0.0, 72_000.0}
 
 
 def test_a_run_without_chamber_or_gyro_table_says_so(tmp_path: Path) -> None:
