@@ -105,8 +105,8 @@ def estimate(
             resting = rest_intervals(track, options)
             require_axis_order(clean, track, resting, schedule, task.site.latitude_deg)
             if schedule is not None:
-                require_schedule(track, resting, schedule)
-            require_axes(clean, track, resting)
+                require_schedule(track, resting, schedule, task)
+            require_axes(clean, track, resting, task)
             require_latitude(clean, track, resting, task)
         found = filter_track(track, current, sigma, task, options)
         # What is left is an error of what was taken out of the data before.

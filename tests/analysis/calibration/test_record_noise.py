@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.analysis.calibration import BiasWander, Noise, Task
+from bench.analysis.calibration import BiasWander, CalibrationRun, Noise, Task, calibrate
 from bench.analysis.calibration._estimator import Options, estimate
 from bench.analysis.calibration._navigation import Increments
 from bench.analysis.calibration._record_noise import RecordNoise, best_wander, record_noise, rest_noise
 from benchmarks.off_class._imu_noise import AS_TOLD, WRONG, record
 from benchmarks.off_class.calibration import scheme
+from drivers.base.errors import ConfigurationError, RecordError
 
 TOLD = Noise()
 
@@ -108,3 +109,20 @@ def test_alarms_name_what_is_not_as_told() -> None:
     said = " ".join(shown.alarms)
     assert "gyro noise of the rests is 0.002" in said and "3.00 mm/s" in said and "correlated" in said
     assert "accelerometer" not in said
+
+
+def test_a_unit_with_errors_ten_times_as_large_is_calibrated_when_that_is_told() -> None:
+    """1000 ppm, 10 mg, 1 deg/h: turned by it, up is 3 deg off; without the word that is refused."""
+    told = np.where(np.arange(30) // 3 == 1, 1.0, 10.0)
+    large = replace(Task(), prior_sigma=Task().prior_sigma * told)
+    data, truth = record(large, scheme(), AS_TOLD["as told, still table"], 0)
+    run = CalibrationRun(
+        "log", "", "imu", "imu", large.site.latitude_deg, data, scheme(), "by-hand", "", (), None
+    )
+    found = calibrate(run, Noise(), prior_scale=10.0).estimate
+    error = found.parameters - truth
+    assert float(error @ np.linalg.solve(found.covariance, error)) / 24.0 < 1.8
+    with pytest.raises(RecordError, match="disagree about the turns"):
+        calibrate(run, Noise())
+    with pytest.raises(ConfigurationError, match="Expected: 1 to 30"):
+        calibrate(run, Noise(), prior_scale=100.0)
