@@ -1,4 +1,4 @@
-"""Six bearings whose wobble is not what the whirl fit assumes, as records of an exact rotation.
+"""Bearings whose wobble is not what the whirl fit assumes, as records of an exact rotation.
 
 Attitude is a product of rotation matrices at every sample; rates are logarithms of what lies between two samples
 with the Earth turning under them. Nothing is linearised in the tilt.
@@ -123,6 +123,26 @@ def warming(time_s: Array, angle: Array, rng: np.random.Generator) -> Complex:
     return usual(time_s, angle, rng) + second * (grown - 1.0)
 
 
+def overshooting(time_s: Array, angle: Array, rng: np.random.Generator) -> Complex:
+    """Grease pushed over: after a reversal the tilt goes too far by a half, and creeps back within 12 deg."""
+    fast, slow = np.empty_like(angle), np.empty_like(angle)
+    quick = late = 0.0
+    for k, step in enumerate(np.diff(angle, prepend=angle[0]).tolist()):
+        quick += (np.sign(step) - quick) * (1.0 - np.exp(-abs(step) / np.radians(1.5)))
+        late += (np.sign(step) - late) * (1.0 - np.exp(-abs(step) / np.radians(12.0)))
+        fast[k], slow[k] = quick, late
+    return lines_of(_USUAL)(angle) + (1.5 + 1.0j) * (1.5 * fast - 0.5 * slow)
+
+
+def preloaded(time_s: Array, angle: Array, rng: np.random.Generator) -> Complex:
+    """Angular contact: in reverse the balls run on another track, and the second line is other by a tenth."""
+    reverse, state = np.empty_like(angle), 0.0
+    for k, step in enumerate(np.diff(angle, prepend=angle[0]).tolist()):
+        state += (float(step < 0.0) - state) * (1.0 - np.exp(-abs(step) / np.radians(0.5)))
+        reverse[k] = state
+    return lines_of(_USUAL)(angle) + 0.1 * reverse * lines_of({2.0: 9.0 + 8.0j})(angle)
+
+
 FAMILIES: dict[str, Bearing] = {
     "usual lines (in class)": usual,
     "races, lines to 20": races,
@@ -132,4 +152,6 @@ FAMILIES: dict[str, Bearing] = {
     "play taken up in 15 deg": played(15.0, 5.0 - 2.0j),
     "friction, exponential": sprung,
     "warming bearing": warming,
+    "grease that overshoots": overshooting,
+    "other track in reverse": preloaded,
 }

@@ -2,7 +2,8 @@
 
     python -m benchmarks.off_class.calibration [--records N]
 
-NEES/24 is the mean squared error in units of the covariance that was stated: 1 when sigmas are true.
+NEES/24 is the mean squared error in units of the covariance that was stated: 1 when sigmas are true. Of twenty
+records its mean scatters by 0.065. Biases are means over the record.
 """
 
 from __future__ import annotations
@@ -43,10 +44,11 @@ def scheme() -> Schedule:
 
 
 def examine(disturbance: Disturbance, records: int) -> Outcome:
-    """Calibrate `records` IMUs drawn from the priors."""
+    """Calibrate `records` IMUs drawn from the priors, others for each kind of noise."""
     task, schedule = Task(), scheme()
     alarms, told, nees, innovations = 0, [], [], []
-    for seed in range(records):
+    first_seed = 1000 * [*(AS_TOLD | WRONG).values()].index(disturbance)
+    for seed in range(first_seed, first_seed + records):
         data, truth = record(task, schedule, disturbance, seed)
         options = Options(alignment_s=48.0)
         first = estimate(data, task, options, schedule)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.calibration import Task
-from benchmarks._turned_imu import ImuRecord
+from benchmarks._turned_imu import ImuRecord, Rest, Turn
 from benchmarks.off_class import _bearings, _imu_noise, _ring_lasers, _thermal_plants
 from benchmarks.off_class._heading_plants import FAMILIES as PLATFORMS
 from benchmarks.off_class._heading_plants import fly
@@ -84,9 +84,24 @@ def test_play_is_crossed_while_the_table_turns_back_by_the_travel() -> None:
 def test_imu_noise_is_what_it_says() -> None:
     count, period = 200_000, 0.01
     record = ImuRecord(period, np.zeros((count, 3)), np.zeros((count, 3)))
-    angle, velocity = _imu_noise.white(2.0)(record, np.random.default_rng(1))
+    level = np.broadcast_to(np.eye(3), (count, 3, 3))
+    angle, velocity, _ = _imu_noise.white(2.0)(record, level, np.random.default_rng(1))
     assert angle.std() == pytest.approx(2.0 * Task().noise.arw * period**0.5, rel=0.01)
     assert velocity.std() == pytest.approx(Task().noise.vrw * period**0.5, rel=0.01)
+
+
+def test_a_pier_that_sways_gains_no_velocity_while_the_unit_turns() -> None:
+    """In level axes the increments add up to the difference of velocities at the ends, whatever the turns."""
+    legs = [Rest(20.0), Turn(np.array([1.0, 0.0, 0.0]), np.pi / 2.0, 9.0), Rest(20.0)]
+    attitude = _imu_noise.attitudes(np.eye(3), legs, 100.0)
+    record = ImuRecord(0.01, np.zeros((4900, 3)), np.zeros((4900, 3)))
+    swing = _imu_noise.swaying(3e-3, 0.15)
+    seen = swing(record, attitude, np.random.default_rng(4))[1]
+    quiet = _imu_noise.white()(record, attitude, np.random.default_rng(4))[1]
+    level = np.einsum("nij,nj->ni", attitude, seen - quiet).cumsum(axis=0)
+    assert level.std(axis=0) == pytest.approx(3e-3 * np.ones(3), rel=0.5)
+    assert np.abs(np.einsum("nij,nj->ni", attitude[-1:], seen - quiet).sum(axis=0)).max() > 3e-3
+    assert attitude[-1] @ [0.0, 1.0, 0.0] == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
 
 
 def test_runs_of_a_ring_laser_without_spread_differ_by_noise_and_a_constant() -> None:

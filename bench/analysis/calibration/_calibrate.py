@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 _COLUMNS = [f"gyro_{axis}_dps" for axis in "xyz"] + [f"accelerometer_{axis}_mps2" for axis in "xyz"]
 _PERIOD_TOLERANCE = 0.1
+_LARGEST = 30.0
 _MOVED_DEG = 0.02
 """By so much the latitude is moved to see what depends on it."""
 
@@ -141,8 +142,12 @@ def calibrate(
     range_dps: float | None = None,
     as_told: bool = False,
     earlier: Sequence[ImuCompensation] = (),
+    prior_scale: float = 1.0,
 ) -> Calibration:
     """Estimate the parameters of an IMU from the record of a scheme; `range_dps`: the measuring range.
+
+    `prior_scale`: how many times larger its errors may be than those of a navigation-grade unit after its factory
+    calibration (`Task`). ConfigurationError below 1, and above 30, where turns are no longer known well enough.
 
     `noise` is what is known of the unit beforehand. Unless `as_told`, the estimate is made again with the noise
     and the wander that the record shows. `earlier`: calibrations of the same unit by other runs, whose
@@ -155,8 +160,18 @@ def calibrate(
             raise ConfigurationError(
                 "the run is in the earlier calibration already", where=run.run_id, found=", ".join(each.runs)
             )
+    if not 1.0 <= prior_scale <= _LARGEST:
+        raise ConfigurationError(
+            "errors that a scheme does not calibrate",
+            where="prior_scale",
+            found=f"{prior_scale:g} times those of a navigation-grade unit",
+            expected=f"1 to {_LARGEST:g}",
+            remedy="calibrate a unit of larger errors by hand first, and this scheme on its corrected output",
+        )
     task = Task(site=Site(latitude_deg=run.latitude_deg, gravity=gravity_mps2), noise=noise)
+    task = replace(task, prior_sigma=task.prior_sigma * np.where(np.arange(30) // 3 == 1, 1.0, prior_scale))
     options = Options(
+        passes=3 if prior_scale == 1.0 else 6,
         wander=wander,
         lever_arms=lever_arms,
         alignment_s=min(60.0, 0.8 * run.schedule.dwell_s),

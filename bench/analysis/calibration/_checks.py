@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.calibration._conventions import DPH_RAD_S, EPS, Task
+from bench.analysis.calibration._conventions import DPH_RAD_S, EPS, KG, Task
 from bench.analysis.calibration._navigation import Increments, Track
 from bench.analysis.calibration._schedule import Schedule
 from bench.analysis.common.statistics import stretches
@@ -98,8 +98,8 @@ def require_latitude(data: Increments, track: Track, resting: NDArray[np.bool_],
     right = np.concatenate([(np.einsum("ni,ni->n", up, seen) - expected) / sigma, np.zeros(4)])
     found, *_ = np.linalg.lstsq(whole, right, rcond=None)
     doubt = math.sqrt(float(np.linalg.pinv(whole.T @ whole)[0, 0]))
-    # 1e-4 of Earth rate: scale factors and angles of a unit not yet calibrated
-    allowed = 5.0 * doubt + 5e-4 * EARTH_RATE_RAD_S
+    # 1e-4 of Earth rate, more with larger errors told: scale factors of a unit not yet calibrated
+    allowed = 5.0 * (doubt + float(task.prior_sigma[KG][0]) * EARTH_RATE_RAD_S)
     if abs(found[0]) > allowed:
         sine = float(np.clip((expected + found[0]) / EARTH_RATE_RAD_S, -1.0, 1.0))
         margin = math.degrees(allowed / EARTH_RATE_RAD_S / max(math.cos(latitude), 0.05))
@@ -114,36 +114,38 @@ def require_latitude(data: Increments, track: Track, resting: NDArray[np.bool_],
         )
 
 
-def require_axes(data: Increments, track: Track, resting: NDArray[np.bool_]) -> None:
+def require_axes(data: Increments, track: Track, resting: NDArray[np.bool_], task: Task) -> None:
     """Raise RecordError unless gyros and accelerometers agree at every rest about which way is up."""
+    tolerance_deg = _tolerance_deg(_TILT_TOLERANCE_DEG, task, len(stretches(resting)))
     _, force = data.sums(round(track.interval_s / data.period_s), len(resting))
     up = np.einsum("ni,ni->n", track.attitude[:, 2], force) / np.linalg.norm(force, axis=1)
     tilt = np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
-    bad = np.flatnonzero(resting & (tilt > _TILT_TOLERANCE_DEG))
+    bad = np.flatnonzero(resting & (tilt > tolerance_deg))
     if len(bad):
         raise RecordError(
             "gyros and accelerometers disagree about the turns",
             where=f"rest at {bad[0] * track.interval_s:.0f} s",
             found=f"up by the gyros is {tilt[bad[0]]:.1f} deg away from up by the accelerometers",
-            expected=f"less than {_TILT_TOLERANCE_DEG:g} deg",
+            expected=f"less than {tolerance_deg:.2g} deg",
             remedy="an axis is swapped, left-handed or wrongly scaled, or increments of a turn were lost",
         )
 
 
-def require_schedule(track: Track, resting: NDArray[np.bool_], schedule: Schedule) -> None:
+def require_schedule(track: Track, resting: NDArray[np.bool_], schedule: Schedule, task: Task) -> None:
     """Raise RecordError naming the first position that is missing, or that the table did not reach."""
+    tolerance_deg = _tolerance_deg(_TURN_TOLERANCE_DEG, task, 1)
     ends = np.flatnonzero(resting & ~np.append(resting[1:], False))
     attitudes = track.attitude[ends]
     wanted = schedule.attitudes()
     for number in range(min(len(ends), len(wanted)) - 1):
         turn = attitudes[number].T @ attitudes[number + 1]
         error = _angle_deg((wanted[number].T @ wanted[number + 1]).T @ turn)
-        if error > _TURN_TOLERANCE_DEG:
+        if error > tolerance_deg:
             raise RecordError(
                 f"turn {number + 1} ({schedule.moves[number]}) is not the scheme's",
                 where=f"before the rest that ends at {(ends[number + 1] + 1) * track.interval_s:.0f} s",
                 found=f"a turn of {_angle_deg(turn):.1f} deg, {error:.1f} deg away from it",
-                expected=f"{schedule.moves[number]} within {_TURN_TOLERANCE_DEG:g} deg",
+                expected=f"{schedule.moves[number]} within {tolerance_deg:.2g} deg",
                 remedy="the table stopped short, a position is missing, or the scheme is another one",
             )
     if len(ends) != len(wanted):
@@ -153,6 +155,12 @@ def require_schedule(track: Track, resting: NDArray[np.bool_], schedule: Schedul
             expected=f"{len(wanted)} ({schedule.name})",
             remedy="a position is missing or the record was cut; run the schedule again",
         )
+
+
+def _tolerance_deg(least_deg: float, task: Task, turns: int) -> float:
+    """Return what is allowed after turns of a unit whose gyros lie as crooked as the task says, 5 sigma."""
+    crooked = float(task.prior_sigma[KG].max())
+    return max(least_deg, math.degrees(5.0 * crooked * math.pi / 2.0 * math.sqrt(turns)))
 
 
 def _angle_deg(turn: Array) -> float:

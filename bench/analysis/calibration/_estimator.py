@@ -2,7 +2,8 @@
 
 Each pass takes the estimate so far out of the data, aligns and navigates anew, and filters what is left, from
 the prior about the estimate so far. The first pass leaves errors of second order, the third none.
-Options: bias wander as six Markov states, lever arms of accelerometers x and y, accelerometer lag.
+Options: bias wander as six Markov states, lever arms of accelerometers x and y, accelerometer lag. Of biases that
+wander the mean over the record is estimated: whatever wanders how, that is what the record shows.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from bench.analysis.common.statistics import stretches
 from drivers.base.arrays import Array
 from drivers.base.errors import RecordError
 
-_CORE = 30
+_WANDER, _MEAN = slice(37, 43), slice(43, 49)
+"""Markov biases, and their means over the record, beside the 37 states of a track."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,8 @@ class Options:
 class Estimate:
     """The result. SI: `parameters`, `sigma` (24,); `lever_m` (2, 3) and `lag_s` are zero unless estimated.
 
-    `covariance` (24, 24); `course` (positions, 24): sigma at the end of each rest; `innovation_rms`: of whitened
+    Biases are means over the record. `covariance` (24, 24); `course`, `course_parameters` (positions, 24): sigma
+    and estimate at the end of each rest, `course_s` (positions,): when that is; `innovation_rms`: of whitened
     innovations, 1 when the noise assumed is the noise there was; the noise told may be far from that without harm
     (`record_noise` judges).
     """
@@ -66,15 +69,20 @@ class Estimate:
     lag_s: float
     course: Array
     innovation_rms: float
+    course_parameters: Array
+    course_s: Array
 
 
 @dataclass
 class Filtered:
-    """State and covariance at the end, sigma at the end of each rest, whitened innovations, their likelihood."""
+    """What a filter leaves: state (49,) and covariance at the end, whitened innovations, their likelihood.
+
+    `course`: time, error of the parameters left and its sigma, (24,) each, at the end of each rest.
+    """
 
     state: Array
     covariance: Array
-    course: list[Array] = field(default_factory=list)
+    course: list[tuple[float, Array, Array]] = field(default_factory=list)
     innovations: list[Array] = field(default_factory=list)
     log_likelihood: float = 0.0
 
@@ -97,21 +105,32 @@ def estimate(
             resting = rest_intervals(track, options)
             require_axis_order(clean, track, resting, schedule, task.site.latitude_deg)
             if schedule is not None:
-                require_schedule(track, resting, schedule)
-            require_axes(clean, track, resting)
+                require_schedule(track, resting, schedule, task)
+            require_axes(clean, track, resting, task)
             require_latitude(clean, track, resting, task)
         found = filter_track(track, current, sigma, task, options)
-        current = current + found.state[6:37] * (sigma[6:37] > 0.0)
-    covariance = found.covariance[PARAMETERS, PARAMETERS]
+        # What is left is an error of what was taken out of the data before.
+        before, current = current, current + found.state[6:37] * (sigma[6:37] > 0.0)
+    left, covariance = _with_means(found.state, found.covariance, 1.0)
+    at_s, course_left, course = (np.array(part) for part in zip(*found.course, strict=True))
     return Estimate(
-        parameters=current[:24],
+        parameters=before[:24] + left,
         sigma=np.sqrt(np.diag(covariance)),
         covariance=covariance,
         lever_m=current[24:30].reshape(2, 3),
         lag_s=float(current[30]),
-        course=np.array(found.course),
+        course=course,
         innovation_rms=float(np.sqrt(np.mean(np.square(found.innovations)))),
+        course_parameters=before[:24] + course_left,
+        course_s=at_s,
     )
+
+
+def _with_means(state: Array, covariance: Array, share: float) -> tuple[Array, Array]:
+    """Return the error of the parameters (24,) and its covariance, biases as means over the `share` so far."""
+    whole = np.eye(24, len(state), PARAMETERS.start)
+    whole[:6, _MEAN] = np.eye(6) / share
+    return whole @ state, whole @ covariance @ whole.T
 
 
 def prior_sigma(task: Task, options: Options) -> Array:
@@ -126,32 +145,42 @@ def prior_sigma(task: Task, options: Options) -> Array:
 
 
 def filter_track(track: Track, current: Array, sigma: Array, task: Task, options: Options) -> Filtered:
-    """Run the filter over a track, prior-scaled. Pinned states stay in the result with zero variance."""
-    used = np.flatnonzero(sigma > 0.0)
-    scale = sigma[used]
-    rows = np.concatenate([track.transition, track.transition[:, :, 6:12]], axis=-1)
+    """Run the filter over a track, prior-scaled. Pinned states stay in the result with zero variance.
+
+    `sigma` (43,): see `prior_sigma`. Means of biases that wander are six states more, which nothing measures.
+    """
+    all_sigma = np.concatenate([sigma, sigma[_WANDER]])
+    used = np.flatnonzero(all_sigma > 0.0)
+    scale = all_sigma[used]
+    rows = np.concatenate(
+        [track.transition, track.transition[:, :, 6:12], np.zeros((len(track.rate), 6, 6))], -1
+    )
     rows = rows[:, :, used] / scale[:6, None] * scale
-    mean = np.zeros(43)
+    mean = np.zeros(len(all_sigma))
     mean[6:37] = -current
     x = (mean[used]) / scale
+    wander, means = (np.flatnonzero((part.start <= used) & (used < part.stop)) for part in (_WANDER, _MEAN))
     p = np.eye(len(used))
-    markov = used >= 37
+    p[means, means] = 0.0
     keep = math.exp(-track.interval_s / options.wander.time_s) if options.wander is not None else 1.0
-    decay = np.where(markov, keep, 1.0)[6:]
-    driven = np.where(markov, 1.0 - keep**2, 0.0)[6:]
+    decay, driven = np.ones(len(used) - 6), np.zeros(len(used) - 6)
+    decay[wander - 6], driven[wander - 6] = keep, 1.0 - keep**2
     q = process_noise(task.site, task.noise, track.interval_s) / np.outer(scale[:6], scale[:6])
     r = np.eye(3) * (task.noise.velocity_mps / scale[3]) ** 2
     resting = rest_intervals(track, options)
     measured = track.velocity / scale[3:6]
-    found = Filtered(np.zeros(43), np.zeros((43, 43)))
-    wandering = bool(markov.any())
+    found = Filtered(np.zeros(len(all_sigma)), np.zeros((len(all_sigma), len(all_sigma))))
     for number, row in enumerate(rows):
+        if len(wander):
+            p[means] += p[wander] / len(rows)
+            p[:, means] += p[:, wander] / len(rows)
+            x[means] += x[wander] / len(rows)
         through = row @ p
         p[6:, :6] = (through[:, 6:] * decay).T
         p[:6, 6:] = p[6:, :6].T
         p[:6, :6] = through @ row.T + q
         x[:6] = row @ x
-        if wandering:
+        if len(wander):
             p[6:, 6:] = p[6:, 6:] * decay * decay[:, None]
             p[range(6, len(p)), range(6, len(p))] += driven
             x[6:] *= decay
@@ -164,12 +193,13 @@ def filter_track(track: Track, current: Array, sigma: Array, task: Task, options
             )
             p = p - white[:, 1:].T @ white[:, 1:]
             x = x + white[:, 1:].T @ white[:, 0]
-            if number + 1 == len(rows) or not resting[number + 1]:
-                at = np.searchsorted(used, np.arange(6, _CORE))
-                found.course.append(np.sqrt(np.diag(p)[at]) * scale[at])
-    found.state[used] = x * scale
-    # What the prior was about is added back by the caller through `current`: the state is an error left.
-    found.covariance[np.ix_(used, used)] = p * np.outer(scale, scale)
+        last = number + 1 == len(rows)
+        if last or (resting[number] and not resting[number + 1]):
+            found.state[used] = x * scale
+            found.covariance[np.ix_(used, used)] = p * np.outer(scale, scale)
+            if resting[number]:
+                left, covariance = _with_means(found.state, found.covariance, (number + 1) / len(rows))
+                found.course.append(((number + 1) * track.interval_s, left, np.sqrt(np.diag(covariance))))
     return found
 
 

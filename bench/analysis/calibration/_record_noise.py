@@ -24,22 +24,26 @@ from bench.analysis.calibration._estimator import (
     prior_sigma,
     rest_intervals,
 )
-from bench.analysis.calibration._navigation import Increments, align, compensate, navigate
+from bench.analysis.calibration._navigation import Increments, Track, align, compensate, navigate
 from bench.analysis.common.statistics import stretches
 from drivers.base.arrays import Array
 from drivers.base.constants import UG_MPS2
 
 FACTOR = 1.25
 """Noise beside what was told by more than this factor is an alarm; a record's own scatter is a few per cent."""
-LIKELIHOOD = 14.0
-"""Twice the gain of logarithmic likelihood that says biases wander; without wander .5 % of records reach 10."""
-_FIRST = ((1e-3, 2.0), (3e-3, 6.0), (9e-3, 18.0))
-"""Wander tried first: gyro deg/h, accelerometer ug."""
-_TIMES_S = (300.0, 1000.0, 3000.0)
+LIKELIHOOD = 9.0
+"""Twice the gain of logarithmic likelihood that says biases wander."""
+_FIRST = ((1e-3, 2.0, 1000.0), (3e-3, 6.0, 1000.0), (9e-3, 18.0, 1000.0), (3e-3, 6.0, 100.0))
+"""Wander tried first: gyro deg/h, accelerometer ug, correlation time s."""
+_BOUNDS = ((1e-5, 0.02, 50.0), (1.0, 1000.0, 10_000.0))
+_STEPS = ((2.0, 2.0, 3.0), (1.4, 1.4, 1.7))
+_WORTH = 0.5
+"""Twice the gain of logarithmic likelihood by which a step has to be better."""
 _LAG_SIGMA = 6.0
 _UNSEEN = 0.15
 """Scatter of the accelerometer noise found, over what was told, beyond which the record does not show it."""
 _VIOLATED = 3.0
+_ROUNDS = 4
 
 
 @dataclass(frozen=True)
@@ -87,7 +91,7 @@ class RecordNoise:
         if abs(self.correlation) > _LAG_SIGMA:
             said.append(
                 "Innovations are correlated from second to second: the table sways, or noise is not white. "
-                "The sigmas are not to be relied on."
+                f"Its velocity was taken as {1e3 * self.found.velocity_mps:.1f} mm/s of white noise."
             )
         return tuple(said)
 
@@ -103,14 +107,33 @@ def record_noise(data: Increments, task: Task, options: Options, found: Estimate
     resting = rest_intervals(track, options)
     noise = rest_noise(clean, resting, task.noise)
     quiet = replace(task, noise=noise)
+    white = filter_track(track, current, prior_sigma(quiet, options), quiet, options).innovations
+    correlation = lag_correlation(np.array(white))
+    if abs(correlation) > _LAG_SIGMA:
+        noise = _velocity_as_seen(track, current, quiet, options)
+        quiet = replace(task, noise=noise)
 
     def likelihood(wander: BiasWander | None) -> float:
         own = replace(options, wander=wander)
         return filter_track(track, current, prior_sigma(quiet, own), quiet, own).log_likelihood
 
-    white = filter_track(track, current, prior_sigma(quiet, options), quiet, options).innovations
     wander, gain = (None, 0.0) if options.wander is not None else best_wander(likelihood)
-    return RecordNoise(task.noise, noise, wander, gain, lag_correlation(np.array(white)))
+    return RecordNoise(task.noise, noise, wander, gain, correlation)
+
+
+def _velocity_as_seen(track: Track, current: Array, task: Task, options: Options) -> Noise:
+    """Return the noise of a task with the table's velocity so large that innovations are as large as expected.
+
+    A table that sways has no white velocity. White noise of the same size leaves sigmas a little too large, since
+    sway averages out faster.
+    """
+    noise = task.noise
+    for _ in range(_ROUNDS):
+        own = replace(task, noise=noise)
+        innovations = filter_track(track, current, prior_sigma(own, options), own, options).innovations
+        rms = float(np.sqrt(np.mean(np.square(innovations))))
+        noise = replace(noise, velocity_mps=noise.velocity_mps * max(rms, 1.0 / FACTOR))
+    return noise
 
 
 def rest_noise(data: Increments, resting: NDArray[np.bool_], told: Noise) -> Noise:
@@ -148,29 +171,29 @@ def rest_noise(data: Increments, resting: NDArray[np.bool_], told: Noise) -> Noi
 def best_wander(likelihood: Callable[[BiasWander | None], float]) -> tuple[BiasWander | None, float]:
     """Return the wander that makes a record likeliest and twice the gain over none; None if it gains little."""
     none = likelihood(None)
+    tried: dict[tuple[float, ...], float] = {}
 
-    def gain(gyro_dph: float, accelerometer_ug: float, time_s: float) -> float:
-        return 2.0 * (likelihood(_wander(gyro_dph, accelerometer_ug, time_s)) - none)
+    def gain(at: tuple[float, ...]) -> float:
+        at = tuple(round(value, 9) for value in np.clip(at, *_BOUNDS))
+        if at not in tried:
+            tried[at] = 2.0 * (likelihood(_wander(*at)) - none)
+        return tried[at]
 
-    def best_of(gains: dict[tuple[float, float, float], float]) -> tuple[float, float, float]:
-        return max(gains, key=lambda at: gains[at])
-
-    tried: dict[tuple[float, float, float], float] = {
-        (gyro, force, _TIMES_S[1]): gain(gyro, force, _TIMES_S[1]) for gyro, force in _FIRST
-    }
-    if max(tried.values()) <= 0.0:
+    best: tuple[float, ...] = max(_FIRST, key=gain)
+    if gain(best) <= 0.0:
         return None, 0.0
-    for index, factor in ((0, 2.0), (0, 0.5), (1, 2.0), (1, 0.5)):
-        at = list(best_of(tried))
-        at[index] *= factor
-        key = (at[0], at[1], at[2])
-        if key not in tried:
-            tried[key] = gain(*key)
-    gyro, accelerometer, _ = best_of(tried)
-    for time_s in _TIMES_S:
-        if (gyro, accelerometer, time_s) not in tried:
-            tried[gyro, accelerometer, time_s] = gain(gyro, accelerometer, time_s)
-    best = best_of(tried)
+    # A pattern search: a step in each direction from the best so far, shorter steps when none is better.
+    for steps in _STEPS:
+        better = True
+        while better:
+            better = False
+            for index, step in enumerate(steps):
+                for factor in (step, 1.0 / step):
+                    at = tuple(value * factor if k == index else value for k, value in enumerate(best))
+                    if gain(at) > gain(best) + _WORTH:
+                        best, better = at, True
+                        break
+    best = max(tried, key=lambda at: tried[at])
     return (_wander(*best) if tried[best] > LIKELIHOOD else None), tried[best]
 
 

@@ -50,14 +50,16 @@ def c_programs(model: ThermalModel) -> tuple[CProgram, ...]:
     own = getattr(model, "c_programs", None)
     if own is not None:
         return tuple(own())
-    if model.name not in _PROGRAMS:
+    # Settings of a network stand after a colon.
+    kind = model.name.partition(":")[0]
+    if kind not in _PROGRAMS:
         raise ConfigurationError(
             f"the model {model.name!r} has no C form",
             where="C export",
             expected=f"one of {', '.join(_PROGRAMS)}, or a model with a method c_programs()",
             remedy="export another model, or add the method to this one",
         )
-    return tuple(_PROGRAMS[model.name](model.to_state()))
+    return tuple(_PROGRAMS[kind](model.to_state()))
 
 
 def _source(name: str) -> str:

@@ -113,7 +113,8 @@ def full_condition(latitude_deg: float, window_s: float, periodic: bool) -> floa
 def check_window(window_s: float, periodic: bool) -> None:
     """Raise ConfigurationError for a window in which misalignment and drift cannot be told apart."""
     least_s = DEFAULT_WINDOW_S if periodic else SIDEREAL_DAY_S
-    if window_s < least_s * (1.0 - 1e-9):
+    # Printed values are rounded: 23.93447 h is the sidereal day.
+    if window_s < least_s * (1.0 - 1e-6):
         raise ConfigurationError(
             "the extraction window is too short",
             found=f"{window_s / 3600.0:.2f} h",

@@ -18,7 +18,7 @@ import numpy as np
 
 from bench.analysis.common.fan_out import ALONE, FanOut
 from bench.analysis.thermal._mean import MeanModel, mean_prediction
-from bench.analysis.thermal._registry import new_model
+from bench.analysis.thermal._registry import is_network, new_model
 from bench.analysis.thermal._regression import TARGETS, anchored_errors
 from bench.analysis.thermal._selection import ModelScore, score_predictions
 from bench.analysis.thermal._types import FeatureRun, Prediction, ThermalModel
@@ -31,7 +31,6 @@ _CONSIDERED_NETWORK = 1.1
 """The same for networks, which have to be trained anew for each run left out: minutes, not seconds."""
 _AVERAGED = (2, 3)
 _ALIKE = 0.25
-NETWORKS = ("lstm", "hybrid")
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,7 @@ def choose(
     considered = [
         score.name
         for score in scores
-        if score.score <= (_CONSIDERED_NETWORK if score.name in NETWORKS else _CONSIDERED) * scores[0].score
+        if score.score <= (_CONSIDERED_NETWORK if is_network(score.name) else _CONSIDERED) * scores[0].score
     ]
     work = [(models[name], left) for left in left_out for name in considered]
     found = fan.map(partial(_predicted, tuple(train), tuple(validation)), work)
@@ -180,13 +179,13 @@ def _again(
     train: Sequence[FeatureRun], validation: Sequence[FeatureRun], model: ThermalModel
 ) -> ThermalModel:
     """Return the model fitted on all runs; a network, which needs other runs to end its training by, as it is."""
-    return model if model.name in NETWORKS else _fit(model, train, validation)
+    return model if is_network(model.name) else _fit(model, train, validation)
 
 
 def _fit(model: ThermalModel, train: Sequence[FeatureRun], validation: Sequence[FeatureRun]) -> ThermalModel:
     unfitted = getattr(model, "unfitted", None)
     made: ThermalModel = unfitted() if unfitted is not None else new_model(model.name)
-    if model.name in NETWORKS:
+    if is_network(model.name):
         # The last run of each kind ends the training where the validation runs are left out.
         ending = validation or list({id(run): run for run in _last_of_each(train)}.values())
         ids = {run.run_id for run in ending}

@@ -81,8 +81,9 @@ class LstmModel:
 
     name = "lstm"
 
-    def __init__(self, settings: LstmSettings | None = None) -> None:
+    def __init__(self, settings: LstmSettings | None = None, name: str = "lstm") -> None:
         self.settings = settings or LstmSettings()
+        self.name = name
         self._weights: LstmWeights | None = None
 
     @property
@@ -95,7 +96,9 @@ class LstmModel:
     def fit(self, train: Sequence[FeatureRun], validation: Sequence[FeatureRun]) -> None:
         """Train on whole runs and keep the epoch that is best on `validation` (on `train` if that is empty).
 
-        Deterministic for `settings.seed` on one machine.
+        Deterministic for `settings.seed` on one processor. Others sum in another order, since their vectors are
+        of another width, and over thousands of training steps a last digit grows to another minimum: fit with
+        several seeds to see what that is worth.
         """
         from_extra("torch", "torch", "training the LSTM (fit cold-shock --models leaves it out)")
         from bench.analysis.thermal._lstm_training import train_lstm

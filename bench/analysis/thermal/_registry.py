@@ -20,6 +20,7 @@ from bench.analysis.thermal._linear_models import (
     StepwiseModel,
 )
 from bench.analysis.thermal._lstm import LstmModel
+from bench.analysis.thermal._lstm_weights import LstmSettings
 from bench.analysis.thermal._mean import MeanModel
 from bench.analysis.thermal._types import ThermalModel
 from drivers.base.errors import ConfigurationError
@@ -27,6 +28,8 @@ from drivers.base.plugins import entry_points_of
 
 ENTRY_POINT_GROUP = "gyrobench.models"
 
+_SETTINGS = {"hidden": 1, "epochs": 1, "seed": 0}
+"""Settings of the LSTM that its name may carry, and their least value."""
 _BUILT_IN: Mapping[str, Callable[[], Any]] = {
     "poly3": CubicModel,
     "multilinear": MultilinearModel,
@@ -47,9 +50,14 @@ def model_names() -> tuple[str, ...]:
 
 
 def new_model(name: str) -> ThermalModel:
-    """Return an unfitted model with its default settings; ConfigurationError for a name nobody has."""
+    """Return an unfitted model; ConfigurationError for a name nobody has, or for settings that it does not take.
+
+    "lstm" takes settings after a colon, "lstm:hidden=32+seed=1"; they are part of its name.
+    """
     if name == MeanModel.name:
         return MeanModel()
+    if name.startswith("lstm:"):
+        return LstmModel(_settings(name), name)
     if name in _BUILT_IN:
         return cast(ThermalModel, _BUILT_IN[name]())
     for entry in entry_points_of(ENTRY_POINT_GROUP).select(name=name):
@@ -62,11 +70,34 @@ def new_model(name: str) -> ThermalModel:
     )
 
 
+def is_network(name: str) -> bool:
+    """Return whether a model has to be trained for minutes, on runs other than those that end its training."""
+    return name.partition(":")[0] in ("lstm", "hybrid")
+
+
+def _settings(name: str) -> LstmSettings:
+    given = {}
+    for text in name.partition(":")[2].split("+"):
+        setting, _, value = text.partition("=")
+        if setting not in _SETTINGS or not value.isdecimal() or int(value) < _SETTINGS[setting]:
+            raise ConfigurationError(
+                f"a setting that the LSTM does not take: {text!r}",
+                where=name,
+                expected=", ".join(f"{key} of {least} or more" for key, least in _SETTINGS.items()),
+                remedy="write, for example, lstm:hidden=32+seed=1",
+            )
+        given[setting] = int(value)
+    return LstmSettings(**given)
+
+
 def restore_model(name: str, state: Mapping[str, Any]) -> ThermalModel:
     """Return the fitted model whose `to_state` gave `state`; ValueError for a mean of no models."""
     if name == MeanModel.name:
         if not state["parts"]:
             raise ValueError("a mean of no models")
         return MeanModel([restore_model(part["name"], part["state"]) for part in state["parts"]])
-    kind = cast(Any, type(new_model(name)))
-    return cast(ThermalModel, kind.from_state(state))
+    unfitted = new_model(name)
+    restored = cast(Any, type(unfitted)).from_state(state)
+    if isinstance(restored, LstmModel):
+        restored.name = unfitted.name
+    return cast(ThermalModel, restored)

@@ -2,10 +2,12 @@
 
 half width = (base + per_rate |dT/dt| + per_gradient |gradient|) (1 + 10 excess)
 
-The three coefficients are a non-negative fit to the magnitude of errors on runs that the model was not fitted on,
-scaled so that 95 % of these errors are inside (split conformal prediction, Vovk et al. 2005, with a scale that
-depends on the inputs). `excess`: how far the inputs are outside of the training runs, in parts of their range; no
-run says what errors are there, so a tenth of the range doubles the width.
+The three coefficients are a non-negative fit to the magnitude of errors on runs that the model was not fitted on.
+Their common factor is such that 95 % of the errors of a further run are inside, on average over what that run may
+be like: within a run errors are taken as normal; the logarithm of their size differs from run to run as it does
+among those left out, by Student's distribution, these being few (the predictive distribution of a normal sample).
+Runs that agree give a narrow interval, four that do not a wide one. `excess`: how far the inputs are outside of
+the training runs, in parts of their range; no run says what errors are there, so a tenth of it doubles the width.
 """
 
 from __future__ import annotations
@@ -15,7 +17,8 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from scipy.optimize import nnls
+from scipy.optimize import brentq, nnls
+from scipy.special import erf, erfinv, stdtrit
 
 from bench.analysis.thermal._regression import TARGETS, anchored_errors
 from bench.analysis.thermal._stream import FEATURES, Interval
@@ -24,6 +27,7 @@ from drivers.base.arrays import Array
 
 LEVEL = 0.95
 PER_EXCESS = 10.0
+_CHANCES = 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,11 +73,34 @@ def fit_width(left_out: Sequence[tuple[FeatureRun, Prediction]]) -> PredictionWi
         errors = [np.abs(anchored_errors([prediction], [run], target)) for run, prediction in carried]
         terms = [_terms(_features(run))[run.weight > 0] for run, _ in carried]
         shape = nnls(np.concatenate(terms), np.concatenate(errors))[0]
-        ratio = np.concatenate(errors) / np.maximum(np.concatenate(terms) @ shape, 1e-12)
-        # A quantile of few runs is too small: each counts as one, as in n + 1 of conformal prediction.
-        few = 1.0 + 0.5 / len(carried)
-        coefficients[row] = few * float(np.quantile(ratio, LEVEL)) * shape
+        sizes = np.array(
+            [
+                np.sqrt(np.mean((error / np.maximum(term @ shape, 1e-12)) ** 2))
+                for error, term in zip(errors, terms, strict=True)
+            ]
+        )
+        if not sizes.any():  # all predicted to the last digit
+            continue
+        coefficients[row] = further_run(sizes[sizes > 0.0]) * shape
     return PredictionWidth(coefficients, len(left_out))
+
+
+def further_run(sizes: Array) -> float:
+    """Return what holds `LEVEL` of the errors of a further run, of runs whose errors have rms `sizes` (n,).
+
+    One run alone does not say how runs differ: the next is taken to be half as large again.
+    """
+    if len(sizes) == 1:
+        return float(1.5 * sizes[0] * np.sqrt(2.0) * erfinv(LEVEL))
+    logs, count = np.log(sizes), len(sizes)
+    spread = float(logs.std(ddof=1)) * np.sqrt(1.0 + 1.0 / count)
+    chances = (np.arange(_CHANCES) + 0.5) / _CHANCES
+    further = np.exp(logs.mean() + spread * stdtrit(count - 1, chances))
+
+    def missing(log_width: float) -> float:
+        return float(np.mean(erf(np.exp(log_width) / (further * np.sqrt(2.0))))) - LEVEL
+
+    return float(np.exp(brentq(missing, logs.min() - 10.0, logs.max() + 50.0 * (1.0 + spread))))
 
 
 def _features(run: FeatureRun) -> Array:

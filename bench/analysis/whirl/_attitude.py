@@ -53,6 +53,14 @@ def carrier_tilt(attitude: Array) -> Complex:
     return np.asarray((vector[:, 0] + 1j * vector[:, 1]) * ARCSEC_PER_RAD)
 
 
+def locked_tilt(record: TurnRecord, heading_deg: float) -> Complex:
+    """Return the tilt of a carrier whose mechanism stands still, less its straight line, arcsec, (n + 1,)."""
+    tilt = carrier_tilt(uncompensated(unit_attitude(record, heading_deg), record.angle_rad))
+    since = record.time_s - record.time_s[0]
+    line = np.column_stack([np.ones(len(since)), since]).astype(np.complex128)
+    return np.asarray(tilt - line @ np.linalg.lstsq(line, tilt, rcond=None)[0])
+
+
 def uncompensated(attitude: Array, angle_rad: Array) -> Array:
     """Return the carrier attitude C_b^n = C_s'^n C_b^s that ignores whirl, float64 (n, 3, 3)."""
     return np.asarray(attitude @ body_to_rotating(angle_rad))

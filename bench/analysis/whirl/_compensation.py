@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar, Self
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from bench.analysis.common.compensation import FittedCompensation, provenance
 from bench.analysis.whirl._direct import DirectFit
 from bench.analysis.whirl._gauge import FREE_PART, MEANING, Gauge, gauge_tilt
 from bench.analysis.whirl._kinematics import body_tilt, body_to_true
-from bench.analysis.whirl._residual import TRAVEL_DEG, slack
+from bench.analysis.whirl._residual import slack
 from bench.analysis.whirl._types import Complex
 from drivers.base.arrays import Array
 from drivers.base.constants import ARCSEC_PER_RAD
@@ -22,22 +22,27 @@ class WhirlCompensation(FittedCompensation):
     """The tilt of the gyros' frame in body axes as a function of the rotation angle, arcsec, complex: x + j y.
 
     `lines`, `amplitudes_arcsec`, `sd_arcsec`: (l,). `gauge_arcsec` is the constant that `gauge` stands for.
-    `play_arcsec` is added as the table turns back by `travel_deg`. `declared`: what the fit could not tell, in
-    words.
+    `plays_arcsec` (p,) are added as the table turns back by `travels_deg` (p,), each over its own. `declared`:
+    what the fit could not tell, in words.
     """
 
     KIND = "whirl"
     WHAT = "whirl"
-    SHAPES: ClassVar = {"lines": ("l",), "amplitudes_arcsec": ("l",), "sd_arcsec": ("l",)}
-    POSITIVE = ("travel_deg",)
+    SHAPES: ClassVar = {
+        "lines": ("l",),
+        "amplitudes_arcsec": ("l",),
+        "sd_arcsec": ("l",),
+        "travels_deg": ("p",),
+        "plays_arcsec": ("p",),
+    }
 
     lines: tuple[float, ...]
     amplitudes_arcsec: Complex
     sd_arcsec: Array
     gauge: Gauge
     gauge_arcsec: complex
-    play_arcsec: complex = 0j
-    travel_deg: float = TRAVEL_DEG
+    travels_deg: tuple[float, ...] = ()
+    plays_arcsec: Complex = field(default_factory=lambda: np.zeros(0, np.complex128))
     declared: tuple[str, ...] = ()
 
     @classmethod
@@ -50,17 +55,26 @@ class WhirlCompensation(FittedCompensation):
             sd_arcsec=fit.sd_arcsec,
             gauge=gauge,
             gauge_arcsec=gauge_tilt(gauge, fit.lines, fit.amplitudes_arcsec),
-            play_arcsec=0j if fit.play_arcsec is None else fit.play_arcsec.value,
-            travel_deg=fit.travel_deg,
+            travels_deg=fit.travels_deg,
+            plays_arcsec=fit.plays_arcsec,
             declared=(FREE_PART, f"gauge {gauge}: {MEANING[gauge]}", *fit.declared),
             **provenance(runs),
         )
 
-    def tilt_arcsec(self, angle_rad: Array, start_slack: float = 0.0) -> Complex:
+    @classmethod
+    def _restored(cls, state: dict[str, Any], metadata: dict[str, Any]) -> Self:
+        """Read what was written; files of before had one play."""
+        if "travel_deg" in state:
+            state = {**state, "travels_deg": [state["travel_deg"]], "plays_arcsec": [state["play_arcsec"]]}
+        if not all(travel > 0.0 for travel in state["travels_deg"]):
+            raise ValueError("a travel that is not above zero")
+        return super()._restored(state, metadata)
+
+    def tilt_arcsec(self, angle_rad: Array) -> Complex:
         """Return the tilt in body axes at successive rotation angles, turns counted, complex (n,)."""
         tilt = body_tilt(angle_rad, self.lines, self.amplitudes_arcsec) + self.gauge_arcsec
-        if self.play_arcsec:
-            tilt = tilt + self.play_arcsec * slack(angle_rad, np.radians(self.travel_deg), start_slack)
+        for travel_deg, jump in zip(self.travels_deg, self.plays_arcsec, strict=True):
+            tilt = tilt + jump * slack(angle_rad, np.radians(travel_deg))
         return np.asarray(tilt)
 
     def carrier_attitude(self, attitude: Array, angle_rad: Array) -> Array:
@@ -83,14 +97,17 @@ class WhirlStream:
     def __init__(self, compensation: WhirlCompensation) -> None:
         self._compensation = compensation
         self._angle_rad: float | None = None
-        self._slack = 0.0
+        self._travels_rad = np.radians(compensation.travels_deg)
+        self._slack = np.zeros(len(compensation.travels_deg))
 
     def push(self, attitude: Array, angle_rad: float) -> Array:
         """Return C_b^n (3, 3) for C_s'^n (3, 3) at an angle; equal to `carrier_attitude` sample by sample."""
         last = angle_rad if self._angle_rad is None else self._angle_rad
         step = (angle_rad - last + np.pi) % (2.0 * np.pi) - np.pi
         now = last + step
-        self._slack = float(np.clip(self._slack - step / np.radians(self._compensation.travel_deg), 0.0, 1.0))
+        self._slack = np.clip(self._slack - step / self._travels_rad, 0.0, 1.0)
         self._angle_rad = now
-        tilt = self._compensation.tilt_arcsec(np.array([now]), self._slack)
+        made = self._compensation
+        tilt = body_tilt(np.array([now]), made.lines, made.amplitudes_arcsec) + made.gauge_arcsec
+        tilt = tilt + made.plays_arcsec @ self._slack
         return np.asarray(attitude @ body_to_true(np.array([now]), tilt / ARCSEC_PER_RAD)[0])

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from bench.analysis.whirl._direct import DirectFit, fit_direct
+from bench.analysis.whirl._direct import DirectFit, fit_direct, root_s
 from bench.analysis.whirl._types import Complex, TurnRecord
 from drivers.base.arrays import Array
 
@@ -70,7 +70,7 @@ def scan_lines(
     turns = sum(float(np.abs(part.last_rad - part.first_rad).sum()) / (2.0 * math.pi) for part in fit.blocks)
     grid = np.arange(-highest, highest, 1.0 / (_STEPS_A_TURN * turns))
     taken = np.array([0.0, *fit.lines])
-    residual = fit.residual_arcsec.copy()
+    residual = fit.residual_arcsec / root_s(fit.blocks)
     found: list[Line] = []
     while len(found) < most:
         grid = grid[(np.abs(grid[:, None] - taken[None, :]) > 2.0 / turns).all(axis=1)]
@@ -82,7 +82,7 @@ def scan_lines(
         if spectrum.max() <= threshold:
             break
         line = _refine(fit, residual, at, 1.0 / turns)
-        column = _column(fit, line)
+        column = _column(fit, line) / root_s(fit.blocks)
         amplitude = complex(np.vdot(column, residual) / np.vdot(column, column).real)
         found.append(Line(line, amplitude, float(_statistics(fit, residual, np.array([line]))[0]), threshold))
         residual = residual - amplitude * column
@@ -94,13 +94,19 @@ def _column(fit: DirectFit, line: float) -> Complex:
     return np.concatenate([part.column(line) for part in fit.blocks])
 
 
+def statistics(fit: DirectFit, lines: Array) -> Array:
+    """Return |a|^2 / (2 sd^2) of single lines (l,) in what a fit leaves, its own sd taken for noise."""
+    return _statistics(fit, fit.residual_arcsec / root_s(fit.blocks), lines)
+
+
 def _statistics(fit: DirectFit, residual: Complex, lines: Array) -> Array:
-    """Return |a|^2 / (2 sd^2) of single lines in a residual, the residual's own sd taken for noise."""
+    """Return |a|^2 / (2 sd^2) of single lines in a residual of even noise, its own sd taken for noise."""
     variance = float((np.abs(residual) ** 2).mean()) / 2.0
+    root = root_s(fit.blocks)
     values = np.empty(len(lines))
     for start in range(0, len(lines), _CHUNK):
         part = lines[start : start + _CHUNK]
-        columns = np.stack([_column(fit, float(line)) for line in part])
+        columns = np.stack([_column(fit, float(line)) / root for line in part])
         energy = (np.abs(columns) ** 2).sum(axis=1)
         values[start : start + _CHUNK] = np.abs(columns.conj() @ residual) ** 2 / (2.0 * variance * energy)
     return values

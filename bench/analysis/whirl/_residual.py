@@ -11,6 +11,7 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.analysis.whirl._types import ARCSEC_PER_DEG, Complex, TurnRecord
 from drivers.base.arrays import Array
@@ -18,7 +19,11 @@ from drivers.base.constants import earth_rate_up_dph
 
 TRAVEL_DEG = 0.5
 """Table angle over which the play is taken up, unless a run says more."""
+LONGEST_DEG = 30.0
+"""Table angle over which a bearing remembers from which side it came, at most."""
 _BLOCK_S = 1.0
+_FINE = 5
+"""Into so many parts blocks are cut within `LONGEST_DEG` of a reversal, where the memory shows."""
 
 
 def heading_from_body_rate(body_rate_dph: complex) -> float:
@@ -43,19 +48,28 @@ def residual_increments(record: TurnRecord, body_rate_dph: complex = 0j) -> Comp
 class Blocks:
     """Increments of the body tilt over k blocks: `increment_arcsec` complex (k,), `turning_s` complex (k,).
 
-    `turning_s`: integral of exp(j psi) dt, the column of a drift. `first_rad`, `last_rad`, `middle_rad`,
-    `duration_s`: angle at the ends of the blocks and their length, (k,). `first_slack`, `last_slack`: see
-    `slack`.
+    `turning_s`: integral of exp(j psi) dt, the column of a drift. `first_rad`, `last_rad`, `first_s`, `last_s`:
+    table angle and time since the record's start at the ends of the blocks, (k,). `reverses`: the record turns
+    in both senses, by more than `LONGEST_DEG` each; `path_rad` (n + 1,): its angle at every sample, and `first`,
+    `last` (k,) where in it the blocks' ends lie.
     """
 
     increment_arcsec: Complex
     turning_s: Complex
     first_rad: Array
     last_rad: Array
-    first_slack: Array
-    last_slack: Array
-    duration_s: float
+    first_s: Array
+    last_s: Array
     earth_up_dph: float
+    reverses: bool
+    path_rad: Array
+    first: NDArray[np.int64]
+    last: NDArray[np.int64]
+
+    @property
+    def duration_s(self) -> Array:
+        """Length of the blocks, (k,)."""
+        return self.last_s - self.first_s
 
     def column(self, line: float) -> Complex:
         """Return the increments of exp(j m psi); Earth's vertical rate on the tilted gyros is part of it."""
@@ -63,26 +77,46 @@ class Blocks:
         seen_up = np.radians(self.earth_up_dph / ARCSEC_PER_DEG) * self.duration_s
         return np.asarray(last - first + 0.5j * seen_up * (first + last))
 
+    def play(self, travel_deg: float) -> Array:
+        """Return the increments of `slack` with a travel, (k,)."""
+        value = slack(self.path_rad, np.radians(travel_deg))
+        return np.asarray(value[self.last] - value[self.first])
 
-def make_blocks(record: TurnRecord, travel_deg: float = TRAVEL_DEG) -> Blocks:
-    """Sum increments over blocks of 1 s; blocks with a sample that is not usable are left out."""
+
+def make_blocks(record: TurnRecord) -> Blocks:
+    """Sum increments over blocks of 1 s, shorter ones after reversals.
+
+    Blocks with a sample that is not usable are left out; in a record that reverses also those at its start, where
+    nobody knows from which side the bearing came.
+    """
     size = max(1, round(_BLOCK_S / record.period_s))
-    count = len(record.usable) // size
-    turn = np.exp(1j * record.middle_rad[: count * size]).reshape(count, size)
-    increments = residual_increments(record)[: count * size]
-    total = (increments.reshape(count, size) * turn).sum(axis=1)
-    keep = ~np.isnan(total)
-    edges = record.angle_rad[: count * size + 1 : size]
-    slack_at = slack(record.angle_rad, np.radians(travel_deg))[: count * size + 1 : size]
+    fine = max(1, size // _FINE)
+    longest = np.radians(LONGEST_DEG)
+    unknown, after = (slack(record.angle_rad, longest, start) for start in (1.0, 0.0))
+    sure = unknown == after
+    reverses = bool(sure.any()) and float(np.ptp(after[sure])) == 1.0
+    edges = np.arange(0, len(record.usable) // size * size + 1, fine)
+    moving = np.diff(after[edges]) != 0.0
+    whole = edges % size == 0
+    edges = edges[whole | np.append(moving, False) | np.append(False, moving)] if reverses else edges[whole]
+    first, last = edges[:-1], edges[1:]
+    turn = np.exp(1j * record.middle_rad)
+    total = np.asarray(np.add.reduceat((residual_increments(record) * turn)[: edges[-1]], first))
+    turning = np.asarray(np.add.reduceat(turn[: edges[-1]], first) * record.period_s)
+    keep = ~np.isnan(total) & (sure[first] | (not reverses))
+    since = record.time_s - record.time_s[0]
     return Blocks(
         total[keep],
-        turn.sum(axis=1)[keep] * record.period_s,
-        edges[:-1][keep],
-        edges[1:][keep],
-        slack_at[:-1][keep],
-        slack_at[1:][keep],
-        size * record.period_s,
+        turning[keep],
+        record.angle_rad[first[keep]],
+        record.angle_rad[last[keep]],
+        since[first[keep]],
+        since[last[keep]],
         earth_rate_up_dph(record.latitude_deg),
+        reverses,
+        record.angle_rad,
+        first[keep],
+        last[keep],
     )
 
 

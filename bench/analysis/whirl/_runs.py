@@ -13,25 +13,33 @@ from bench.analysis.whirl._checks import alignment_findings, require_fit_for_whi
 from bench.analysis.whirl._types import Finding, TurnRecord
 from bench.record.recording import Run, seconds
 from drivers.base.arrays import Array
+from drivers.base.constants import ARCSEC_PER_RAD
 from drivers.base.errors import ConfigurationError
 
 SENSES = {"turn_forward": 1.0, "turn_reverse": -1.0}
 """Phases of the procedure and the sense of the angle in them."""
+_MOVING_DPS = 0.05
+_REST_S = 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class Turns:
     """What a run folder gives: the record from first to last movement, how angle and gyro were laid on each other
-    (over all of the run, rests included), and what is odd about it.
+    (over all of the run, rests included), and what is odd about it. `rests`: before and after, mechanism locked.
     """
 
     record: TurnRecord
     alignment: Alignment
     findings: tuple[Finding, ...]
+    rests: tuple[TurnRecord, ...] = ()
 
 
-def load_turns(run: Run, gyro: str | None = None) -> Turns:
+def load_turns(
+    run: Run, gyro: str | None = None, *, installation_arcsec: tuple[float, float] = (0.0, 0.0)
+) -> Turns:
     """Read a run with rotation; `gyro` defaults to the first with axes x, y, z.
+
+    `installation_arcsec`: by how much the x and the y gyro lie towards z, as known; taken out of their rates.
 
     ConfigurationError if no gyro has three axes; UnfitRotation names a recording that cannot carry a whirl fit.
     """
@@ -51,7 +59,7 @@ def load_turns(run: Run, gyro: str | None = None) -> Turns:
     for rate in rate_dps.T:
         rate[~usable] = np.interp(number[~usable], number[usable], rate[usable])
     angle_rad, alignment = align_angle(edges_s, rate_dps[:, 2], poll_s, table["angle_deg"])
-    record = TurnRecord(
+    read = TurnRecord(
         run_id=run.manifest.run_id,
         unit_id=run.manifest.unit(name),
         period_s=float((edges_s[-1] - edges_s[0]) / (len(edges_s) - 1)),
@@ -61,7 +69,9 @@ def load_turns(run: Run, gyro: str | None = None) -> Turns:
         usable=usable,
         latitude_deg=run.manifest.latitude_deg,
     )
-    require_fit_for_whirl(record)
+    require_fit_for_whirl(read)
+    record = corrected(read, installation_arcsec)
+    rests = at_rest(record)
     record = while_turning(record)
     announced = _announced(run)
     fastest = float(np.degrees(np.median(np.abs(np.diff(record.angle_rad)))) / record.period_s)
@@ -70,14 +80,32 @@ def load_turns(run: Run, gyro: str | None = None) -> Turns:
     if missing := int((~record.usable).sum()):
         lost = f"{missing} samples missing or invalid: the blocks of 1 s they lie in were left out"
         findings.append(Finding("gaps", lost))
-    return Turns(record, alignment, tuple(findings))
+    return Turns(record, alignment, tuple(findings), rests)
+
+
+def corrected(record: TurnRecord, installation_arcsec: tuple[float, float]) -> TurnRecord:
+    """Return a record whose x and y gyros lie towards z by so much, as if they did not."""
+    rate_dps = record.rate_dps.copy()
+    rate_dps[:, :2] -= np.outer(rate_dps[:, 2], np.array(installation_arcsec) / ARCSEC_PER_RAD)
+    return replace(record, rate_dps=rate_dps)
 
 
 def while_turning(record: TurnRecord) -> TurnRecord:
     """Return the record from where the table first turns at half its largest rate to where it last does."""
     step = np.abs(np.diff(record.angle_rad))
     fast = np.flatnonzero(step > 0.5 * step.max())
-    first, last = int(fast[0]), int(fast[-1]) + 1
+    return _part(record, int(fast[0]), int(fast[-1]) + 1)
+
+
+def at_rest(record: TurnRecord) -> tuple[TurnRecord, ...]:
+    """Return the stretches before the table moves and after it, those of `_REST_S` and more."""
+    moving = np.flatnonzero(np.abs(np.diff(record.angle_rad)) > _MOVING_DPS * record.period_s * np.pi / 180.0)
+    ends = ((0, int(moving[0])), (int(moving[-1]) + 1, len(record.usable)))
+    return tuple(_part(record, *each) for each in ends if (each[1] - each[0]) * record.period_s >= _REST_S)
+
+
+def _part(record: TurnRecord, first: int, last: int) -> TurnRecord:
+    """Return the samples `first` to before `last` of a record."""
     return replace(
         record,
         time_s=record.time_s[first : last + 1],

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bench.analysis.whirl._attitude import (
     Oscillation,
     carrier_tilt,
+    locked_tilt,
     oscillation,
     uncompensated,
     unit_attitude,
 )
+from bench.analysis.whirl._change import change_findings
 from bench.analysis.whirl._checks import earth_rate_findings
 from bench.analysis.whirl._compensation import WhirlCompensation
-from bench.analysis.whirl._direct import DEFAULT_LINES, DirectFit, fit_travel
+from bench.analysis.whirl._direct import DEFAULT_LINES, DirectFit, fit_memory, installation_known
 from bench.analysis.whirl._gauge import Gauge
 from bench.analysis.whirl._integral import body_lines, fit_integral, match_coefficients
 from bench.analysis.whirl._kinematics import body_tilt
@@ -33,7 +35,8 @@ from drivers.base.arrays import Array
 class Judgement:
     """A run before and after: tilts of the carrier, complex (n + 1,) arcsec, and how much they oscillate.
 
-    `patent` is None where the run fitted on has holes, which the integral cannot cross.
+    `patent` is None where the run fitted on has holes, which the integral cannot cross. `locked`: times (n + 1,)
+    and tilts, less a straight line, of the rests before and after, when the mechanism stands still.
     """
 
     record: TurnRecord
@@ -42,6 +45,12 @@ class Judgement:
     before: Oscillation
     after: Oscillation
     patent: Oscillation | None
+    locked: tuple[tuple[Array, Complex], ...] = ()
+
+    @property
+    def rests_arcsec(self) -> tuple[float, ...]:
+        """Rms an axis of the tilt while the mechanism stands still: what no compensation takes away."""
+        return tuple(float(np.sqrt((np.abs(tilt) ** 2).mean() / 2.0)) for _, tilt in self.locked)
 
     @property
     def locked_factor(self) -> float:
@@ -71,24 +80,45 @@ class WhirlStudy(Shown):
 
 
 def study_whirl_runs(
-    train: Sequence[Run], test: Sequence[Run] = (), gyro: str | None = None, *, gauge: Gauge
+    train: Sequence[Run],
+    test: Sequence[Run] = (),
+    gyro: str | None = None,
+    *,
+    gauge: Gauge,
+    installation_arcsec: tuple[float, float] | None = None,
 ) -> WhirlStudy:
-    """Return the study of recorded runs; `gyro`: default the first with axes x, y, z. Errors as `load_turns`."""
-    fitted, judging = ([load_turns(run, gyro) for run in runs] for runs in (train, test))
+    """Return the study of recorded runs; `gyro`: default the first with axes x, y, z. Errors as `load_turns`.
+
+    `installation_arcsec`: see `load_turns`; None where it is not known.
+    """
+    angles = installation_arcsec or (0.0, 0.0)
+    fitted, judging = (
+        [load_turns(run, gyro, installation_arcsec=angles) for run in runs] for runs in (train, test)
+    )
     checksums = {run.manifest.run_id: run.checksum for run in train}
-    return study_whirl(fitted, judging, gauge=gauge, checksums=checksums)
+    return study_whirl(
+        fitted, judging, gauge=gauge, checksums=checksums, installation_arcsec=installation_arcsec
+    )
 
 
 def study_whirl(
-    train: Sequence[Turns], test: Sequence[Turns], *, gauge: Gauge, checksums: dict[str, str] | None = None
+    train: Sequence[Turns],
+    test: Sequence[Turns],
+    *,
+    gauge: Gauge,
+    checksums: dict[str, str] | None = None,
+    installation_arcsec: tuple[float, float] | None = None,
 ) -> WhirlStudy:
     """Fit on `train`, judge on `test` (on `train` if there is none).
 
-    Lines are the default -3 .. 3 and what else of -24 .. 24 is significant at 1 %; the travel of play is fitted.
+    Lines are the default -3 .. 3 and what else of -24 .. 24 is significant at 1 %; travels of play those
+    that the data ask for.
     """
     records = [turns.record for turns in train]
     lines = choose_lines(records, CANDIDATES, keep=DEFAULT_LINES)
-    fit = fit_travel(records, lines)
+    fit = fit_memory(records, lines)
+    if installation_arcsec is not None:
+        fit = replace(fit, declared=installation_known(fit.declared, installation_arcsec))
     findings = [finding for turns in (*train, *test) for finding in turns.findings]
     findings += earth_rate_findings(fit, records[0])
     runs = checksums or {record.run_id: "" for record in records}
@@ -105,14 +135,16 @@ def study_whirl(
         )
         for line in scan_lines(fit)
     ]
+    findings += change_findings(fit, [turns.record for turns in test])
     fourier = None
     if records[0].usable.all():
         fourier = fit_integral(records[0], 2, body_rate_dph=fit.body_rate_dph[0].value)
-    judged = [turns.record for turns in (test or train)]
     return WhirlStudy(
         fit=fit,
         compensation=compensation,
-        judgements=tuple(judge(record, compensation, fit, fourier) for record in judged),
+        judgements=tuple(
+            judge(turns.record, compensation, fit, fourier, turns.rests) for turns in (test or train)
+        ),
         judged_on_fitted=not test,
         findings=tuple(findings),
         heading_deg=heading_from_body_rate(fit.body_rate_dph[0].value),
@@ -120,10 +152,15 @@ def study_whirl(
 
 
 def judge(
-    record: TurnRecord, compensation: WhirlCompensation, fit: DirectFit, fourier: Array | None = None
+    record: TurnRecord,
+    compensation: WhirlCompensation,
+    fit: DirectFit,
+    fourier: Array | None = None,
+    rests: Sequence[TurnRecord] = (),
 ) -> Judgement:
     """Return a run's carrier attitude without and with a compensation; heading from the fit's Earth rate."""
-    attitude = unit_attitude(record, heading_from_body_rate(fit.body_rate_dph[0].value))
+    heading_deg = heading_from_body_rate(fit.body_rate_dph[0].value)
+    attitude = unit_attitude(record, heading_deg)
     angle, time_s = record.angle_rad, record.time_s
     raw = uncompensated(attitude, angle)
     before = carrier_tilt(raw)
@@ -133,7 +170,13 @@ def judge(
         lines, amplitudes = body_lines(match_coefficients(fourier))
         patent = oscillation(before - body_tilt(angle, lines, amplitudes), time_s, angle)
     return Judgement(
-        record, before, after, oscillation(before, time_s, angle), oscillation(after, time_s, angle), patent
+        record,
+        before,
+        after,
+        oscillation(before, time_s, angle),
+        oscillation(after, time_s, angle),
+        patent,
+        tuple((rest.time_s, locked_tilt(rest, heading_deg)) for rest in rests),
     )
 
 
@@ -148,7 +191,6 @@ def integrated_residual(fit: DirectFit, at: int = 0) -> tuple[Array, Complex, Co
     model = np.zeros(len(blocks.first_rad), np.complex128)
     for line, amplitude in zip(fit.lines, fit.amplitudes_arcsec, strict=True):
         model += amplitude * blocks.column(line)
-    if fit.play_arcsec is not None:
-        model += fit.play_arcsec.value * (blocks.last_slack - blocks.first_slack)
-    time_s = blocks.duration_s * np.arange(1, len(model) + 1, dtype=np.float64)
-    return np.asarray(time_s), np.cumsum(model + residual), np.cumsum(model)
+    for travel_deg, jump in zip(fit.travels_deg, fit.plays_arcsec, strict=True):
+        model += jump * blocks.play(travel_deg)
+    return blocks.last_s, np.cumsum(model + residual), np.cumsum(model)

@@ -29,7 +29,17 @@ class Finding:
     """Something about a recording that does not stop a fit: what it is and what follows from it."""
 
     code: Literal[
-        "rotation", "clock_drift", "clock_unknown", "latency_unknown", "angle", "gaps", "level", "line"
+        "rotation",
+        "clock_drift",
+        "clock_unknown",
+        "latency_unknown",
+        "angle",
+        "gaps",
+        "level",
+        "line",
+        "change",
+        "sense",
+        "repeat",
     ]
     text: str
 

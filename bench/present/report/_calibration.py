@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.present.report._figures import Curve, Lane, lanes
+from bench.present.report._figures import Curve, Lane, Panel, lanes, panels
 from bench.present.report._heat_map import gain_map
 from bench.present.report._numbers import DASH, duration, significant
 from bench.present.report._page import (
@@ -20,6 +20,7 @@ from bench.present.report._page import (
     Facts,
     Figures,
     Headline,
+    Key,
     Notes,
     Page,
     Row,
@@ -28,7 +29,7 @@ from bench.present.report._page import (
     Verdict,
     named,
 )
-from bench.present.report._palette import BLUE, GREEN, MUTED, ORANGE, PURPLE, SAND
+from bench.present.report._palette import BLUE, FLOOR, GREEN, MUTED, ORANGE, PURPLE, SAND
 from bench.present.report._parts import made, warnings
 from drivers.base.arrays import Array
 
@@ -40,6 +41,8 @@ _CLASSICAL = ("19-position-z-up", "19-position", "23-position")
 _PAINTS = (BLUE, ORANGE, GREEN, PURPLE, SAND, MUTED)
 _FULL_DECADES = 3.0
 _BLIND = 2.0
+_REACH = 4.0
+"""Estimates over time are drawn to so many targets."""
 _SHOWN = 0.0005
 """Shares of a variance above this are listed."""
 _SIGMAS = {
@@ -191,6 +194,7 @@ def calibration_page(content: CalibrationContent) -> Page:
             Section("Beside the classical schemes", [_degrees(_others(content.evaluation))]),
             Section("Poorly seen combinations", [Notes(content.poorly_seen)]),
             Section("Convergence", [_convergence(content)]),
+            Section("Estimates over time", _estimates_over_time(content)),
             Section("State by position", [_heat_map(content)]),
         ],
         terms=_DEFINITIONS,
@@ -348,6 +352,43 @@ def _convergence(content: CalibrationContent) -> Block:
     )
     about = "Sigma over target after each position"
     return lanes("convergence", plots, "Position", caption, description=about)
+
+
+def _estimates_over_time(content: CalibrationContent) -> list[Block]:
+    """Return every estimate with two of its sigma after each rest, about the truth or the last estimate."""
+    estimate = content.estimate
+    if estimate is None:
+        return []
+    model = _model()
+    target = content.evaluation.task.target_sigma
+    about = estimate.parameters if content.truth is None else content.truth
+    minutes = estimate.course_s / 60.0
+    off, spread = ((part / target).T for part in (estimate.course_parameters - about, 2.0 * estimate.course))
+    plots = [
+        Panel(
+            [
+                Curve("estimate", minutes, np.clip(off[number], -_REACH, _REACH), BLUE),
+                Curve(
+                    "two sigma", minutes, np.clip(off[number] + spread[number], -_REACH, _REACH), MUTED, "--"
+                ),
+                Curve(
+                    "two sigma", minutes, np.clip(off[number] - spread[number], -_REACH, _REACH), MUTED, "--"
+                ),
+            ],
+            f"{name}, target {target[number] / model.UNIT_SIZE[6 + number]:g} {model.STATE_UNITS[6 + number]}",
+            floor=1.0,
+            description=f"estimate of {name} and its sigma over time",
+        )
+        for number, name in enumerate(model.PARAMETER_NAMES)
+    ]
+    of = "last estimate" if content.truth is None else "truth"
+    caption = (
+        f"Estimates less the {of}, in targets, after each rest, and two sigma on both sides; shaded: one target. "
+        f"What is beyond {_REACH:g} targets lies on the border."
+    )
+    keys = [Key("estimate", BLUE), Key("two sigma", MUTED), Key("one target", FLOOR, "band")]
+    y_label = f"less the {of}, targets"
+    return [panels("estimates", plots, caption, keys, x_label="time, min", y_label=y_label)]
 
 
 def _heat_map(content: CalibrationContent) -> Block:

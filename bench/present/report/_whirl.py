@@ -49,13 +49,17 @@ _SPECTRUM = np.arange(-8.0, 8.0 + 1e-9, 0.02)
 
 @dataclass(frozen=True, eq=False)
 class _Course:
-    """A run before and after: carrier tilt about x + j y less its two-turn mean, (n,) arcsec."""
+    """A run before and after: carrier tilt about x + j y less its two-turn mean, (n,) arcsec.
+
+    `locked`: times and tilt of its rests.
+    """
 
     run_id: str
     time_s: Array
     angle_rad: Array
     before: NDArray[np.complex128]
     after: NDArray[np.complex128]
+    locked: list[tuple[Array, NDArray[np.complex128]]]
 
 
 def whirl_page(study: WhirlStudy, runs: Sequence[Run], compensation_file: Path) -> Page:
@@ -109,7 +113,8 @@ def _course(judged: Judgement) -> _Course:
     before, where = remove_slow(judged.tilt_before, record.time_s, record.angle_rad)
     after, _ = remove_slow(judged.tilt_after, record.time_s, record.angle_rad)
     time_s, angle_rad = record.time_s[where][::step], record.angle_rad[where][::step]
-    return _Course(record.run_id, time_s, angle_rad, before[::step], after[::step])
+    locked = [(at_s[::step], tilt[::step]) for at_s, tilt in judged.locked]
+    return _Course(record.run_id, time_s, angle_rad, before[::step], after[::step], locked)
 
 
 def _verdict(study: WhirlStudy) -> Verdict:
@@ -156,13 +161,20 @@ def _judgement_table(judgements: Sequence[Judgement]) -> list[Block]:
         patent = None if judged.patent is None else judged.patent.locked_arcsec
         values = [before.locked_arcsec, patent, after.locked_arcsec, _factor(judged)]
         values += [before.locked_arcsec / patent if patent else None, before.total_arcsec, after.total_arcsec]
+        values += [max(judged.rests_arcsec, default=None)]
         rows.append(named(judged.record.run_id, *(significant(value) for value in values)))
     heads = ["Run", ">Locked, before [arcsec]", ">second-order integral fit [arcsec]", ">direct fit [arcsec]"]
-    heads += [">times less, direct", ">integral", ">All, before [arcsec]", ">after [arcsec]"]
+    heads += [
+        ">times less, direct",
+        ">integral",
+        ">All, before [arcsec]",
+        ">after [arcsec]",
+        ">at rest [arcsec]",
+    ]
     caption = (
         "Rms an axis of the carrier's tilt about its mean over two turns; locked: what repeats with the rotation "
-        "angle, lines −6 to 6. The second-order integral fit is the patent's own form; it cannot hold lines +1 "
-        "and −2."
+        "angle, lines −6 to 6. At rest: the mechanism locked before and after, about a straight line. The "
+        "second-order integral fit is the patent's own form; it cannot hold lines +1 and −2."
     )
     return [Table(heads, rows, caption)]
 
@@ -170,16 +182,25 @@ def _judgement_table(judgements: Sequence[Judgement]) -> list[Block]:
 def _attitude(course: _Course, number: int) -> Figures:
     run_id, minutes = course.run_id, course.time_s / 60.0
     y_after = Curve("about y", minutes, course.after.imag, GREEN)
+    gap = np.array([np.nan])
+    rest_s = np.concatenate([np.append(at_s, gap) for at_s, _ in course.locked] or [gap])
+    rest = np.concatenate([np.append(tilt, gap + 0j) for _, tilt in course.locked] or [gap + 0j])
+    at_rest = [
+        Curve(f"{axis}, locked", rest_s / 60.0, part, MUTED)
+        for axis, part in (("x", rest.real), ("y", rest.imag))
+        if course.locked
+    ]
     plots = [
         before_after("arcsec", minutes, course.before.real, course.after.real, height=150.0, of="about x"),
         before_after("arcsec", minutes, course.before.imag, course.after.imag, height=150.0, of="about y"),
-        Lane("arcsec", [Curve("about x after", minutes, course.after.real, AFTER), y_after], 110.0),
+        Lane("arcsec", [Curve("about x after", minutes, course.after.real, AFTER), y_after, *at_rest], 110.0),
     ]
     return lanes(
         f"attitude-{number}",
         plots,
         "time, min",
-        f"Run {run_id}: carrier tilt about the body's axes less its two-turn mean; below, the rest.",
+        f"Run {run_id}: carrier tilt about the body's axes less its two-turn mean; below, what is left, "
+        "and grey the mechanism locked before and after.",
         BEFORE_AFTER,
         description=f"carrier tilt of run {run_id} before and after compensation",
     )
@@ -295,7 +316,9 @@ def _fit_facts(study: WhirlStudy) -> list[Fact]:
         Fact("Separation of drift and line +1", f"condition number {fit.separation:.3g}"),
     ]
     if fit.play_arcsec is not None:
+        travels = ", ".join(f"{travel:.2g}" for travel in sorted(fit.travels_deg))
         facts.append(Fact("Jump of tilt with the sense of rotation", _with_sd(fit.play_arcsec, "arcsec")))
+        facts.append(Fact("Taken up over", f"{travels}° of the table"))
     return facts
 
 

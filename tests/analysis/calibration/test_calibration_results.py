@@ -92,7 +92,9 @@ def test_a_record_becomes_a_calibration_file_and_a_page(
     over = {name: row["sigma"] / target[name] for name, row in file["parameters"].items()}
     missed = sorted((name for name in over if over[name] > 1.0), key=lambda name: -over[name])
     assert missed and f": {', '.join(f'{name} {over[name]:.2f} x' for name in missed)}." in page
-    assert "Calibration by o8" in page and "Estimate" in page and page.count("<svg") == 2
+    assert (
+        "Calibration by o8" in page and "Estimate" in page and page.count("<svg") == 2 + 24
+    )  # and the course of each parameter
 
 
 def test_a_csv_record_needs_scheme_and_latitude(tmp_path: Path) -> None:

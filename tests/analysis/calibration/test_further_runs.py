@@ -53,7 +53,8 @@ def posterior(*runs):
 def estimated(*runs):
     mean, covariance = posterior(*runs)
     sigma = np.sqrt(np.diag(covariance))
-    return Estimate(mean, sigma, covariance, np.zeros((2, 3)), 0.0, np.zeros((1, 24)), 1.0)
+    course = np.zeros((1, 24))
+    return Estimate(mean, sigma, covariance, np.zeros((2, 3)), 0.0, course, 1.0, course, np.zeros(1))
 
 
 def kept(found, run="first"):

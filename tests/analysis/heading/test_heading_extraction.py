@@ -9,7 +9,7 @@ import pytest
 from bench.analysis.heading import PlatformLog
 from bench.analysis.heading._frames import earth_rotation_deg, gravitation_latitude_deg, position_error
 from bench.analysis.heading._log import Site, log_from_positions, settled
-from bench.analysis.heading._window import design, extract
+from bench.analysis.heading._window import check_window, design, extract
 from benchmarks._heading_plants import position_error_finite
 from drivers.base.constants import EARTH_RATE_RAD_S, SIDEREAL_DAY_S
 from drivers.base.errors import ConfigurationError, RecordError
@@ -171,3 +171,10 @@ def test_settled_after_a_turn() -> None:
     calm = settled(log, 20 * 3600.0)
     expected = (time_s < 50 * 3600.0) | (time_s >= 70 * 3600.0)
     np.testing.assert_array_equal(calm, expected)
+
+
+def test_the_sidereal_day_as_it_is_printed_is_long_enough() -> None:
+    check_window(3600.0 * 23.93447, periodic=False)
+    check_window(3600.0 * 35.90171, periodic=True)
+    with pytest.raises(ConfigurationError, match="too short"):
+        check_window(3600.0 * 23.93, periodic=False)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from scipy.special import erf
 
 from bench.analysis.thermal import FeatureRun, Prediction
 from bench.analysis.thermal._compensation import Compensation
@@ -16,7 +17,7 @@ from bench.analysis.thermal._mean import MeanModel
 from bench.analysis.thermal._selection import fit_models, score_models
 from bench.analysis.thermal._stream import FEATURES
 from bench.analysis.thermal._types import ThermalModel
-from bench.analysis.thermal._width import PER_EXCESS, PredictionWidth, fit_width
+from bench.analysis.thermal._width import LEVEL, PER_EXCESS, PredictionWidth, fit_width, further_run
 from drivers.base.arrays import Array
 
 NAMES = ("poly3", "multilinear", "lag_ridge")
@@ -154,3 +155,19 @@ def test_an_interval_holds_what_it_says_on_runs_of_its_kind_and_is_wider_outside
     colder[:, 0] -= 0.1 * (inputs["t_in"][1] - inputs["t_in"][0])
     at = int(np.argmin(features[:, 0]))
     assert width.half_widths(colder, inputs)[at, 0] == pytest.approx(half[at, 0] * (1.0 + 0.1 * PER_EXCESS))
+
+
+@pytest.mark.parametrize(("runs", "spread"), [(4, 0.3), (4, 0.8), (8, 0.8)])
+def test_few_runs_that_differ_hold_as_much_of_the_next_as_they_say(runs: int, spread: float) -> None:
+    """Four hundred campaigns of runs whose errors are log-normal in size: 95 % of the next run's on average."""
+    rng = np.random.default_rng(11)
+    held = []
+    for _ in range(400):
+        *seen, further = np.exp(spread * rng.standard_normal(runs + 1))
+        held.append(erf(further_run(np.array(seen)) / further / np.sqrt(2.0)))
+    assert np.mean(held) == pytest.approx(LEVEL, abs=0.02)
+
+
+def test_runs_that_agree_need_no_more_than_a_normal_quantile() -> None:
+    assert further_run(np.full(4, 3.0)) == pytest.approx(3.0 * 1.95996, rel=1e-4)
+    assert further_run(np.array([1.0, 3.0, 3.0, 9.0])) > 2.0 * further_run(np.full(4, 3.0))

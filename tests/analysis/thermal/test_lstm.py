@@ -20,6 +20,7 @@ from bench.analysis.thermal._lstm_training import (
     _read_weights,
 )
 from bench.analysis.thermal._lstm_weights import LstmSettings
+from bench.analysis.thermal._registry import is_network, new_model, restore_model
 from bench.analysis.thermal._types import FeatureRun
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
@@ -318,3 +319,25 @@ def test_an_epoch_takes_one_step_a_chunk_with_the_state_carried() -> None:
     for name in ("w_input", "w_hidden", "bias", "w_output", "b_output"):
         assert getattr(found, name) == pytest.approx(getattr(expected, name), abs=1e-5)
     assert found.w_output != pytest.approx(weights.w_output, abs=1e-3)
+
+
+def test_size_and_seed_of_the_network_are_in_its_name() -> None:
+    model = new_model("lstm:hidden=6+seed=3")
+    assert isinstance(model, LstmModel) and model.name == "lstm:hidden=6+seed=3"
+    assert (model.settings.hidden, model.settings.seed) == (6, 3)
+    assert is_network(model.name) and is_network("hybrid") and not is_network("grey_box")
+    for wrong in ("lstm:seed", "lstm:layers=2", "lstm:hidden=0", "lstm:seed=-1"):
+        with pytest.raises(ConfigurationError, match="a setting that the LSTM does not take"):
+            new_model(wrong)
+
+
+def test_a_network_of_another_size_is_restored_by_its_name() -> None:
+    model = new_model("lstm:hidden=4+epochs=2+seed=1")
+    runs = [shock(1, -40.0, 10.0)]
+    model.fit(runs, runs)
+    again = restore_model(model.name, model.to_state())
+    assert again.name == model.name
+    assert again.predict(runs[0]).bias_dph == pytest.approx(model.predict(runs[0]).bias_dph, abs=1e-12)
+    other = new_model("lstm:hidden=4+epochs=2+seed=2")
+    other.fit(runs, runs)
+    assert not np.allclose(other.predict(runs[0]).bias_dph, model.predict(runs[0]).bias_dph)

@@ -118,7 +118,7 @@ def test_a_width_by_hand_inside_and_a_tenth_outside_of_what_was_trained() -> Non
 
 
 def test_the_width_holds_as_many_errors_as_it_says_and_counts_few_runs_as_few() -> None:
-    """Errors of 1 deg/h a degC/min; of one run a width is half wider than its quantile."""
+    """Errors of 1 deg/h a degC/min; of one run a width is half wider than 1.96 of its rms."""
     rng, n = np.random.default_rng(0), 400
     features = {"t_in": np.zeros(n), "t_out": np.zeros(n), "dt_60": rng.uniform(0.5, 2.0, n)}
     error = features["dt_60"] * np.tile([1.0, -1.0], n // 2)
@@ -135,7 +135,7 @@ def test_the_width_holds_as_many_errors_as_it_says_and_counts_few_runs_as_few() 
     width = fit_width([(run, Prediction(np.zeros(n), np.zeros(n)))])  # type: ignore[arg-type, list-item]
     assert width.runs == 1 and width.coefficients[1].tolist() == [0.0, 0.0, 0.0]
     half = width.half_widths(np.array([0.0, 0.0, 1.0, 0.0]), INPUTS)
-    assert half[0] == pytest.approx(1.5, rel=0.05)
+    assert half[0] == pytest.approx(1.5 * 1.96, rel=0.05)
 
 
 def test_zero_degrees_are_a_temperature() -> None:

@@ -294,7 +294,7 @@ def test_of_two_targets_one_may_have_no_width():
     found = fit_width([(run, Prediction(np.zeros(400), np.zeros(400)))])
     assert not found.coefficients[0].any() and found.runs == 1
     assert found.half_widths(np.zeros(4), dict.fromkeys(FEATURES, (-1.0, 1.0)))[1] == pytest.approx(
-        12.0, rel=0.1
+        1.5 * 1.96 * 8.0, rel=0.1
     )
 
 

@@ -16,6 +16,7 @@ from bench.analysis.whirl._attitude import (
 from bench.analysis.whirl._direct import DirectFit, fit_direct
 from bench.analysis.whirl._integral import body_lines, fit_integral, match_coefficients
 from bench.analysis.whirl._residual import heading_from_body_rate
+from bench.analysis.whirl._runs import corrected
 from bench.analysis.whirl._study import judge
 from bench.analysis.whirl._types import TurnRecord
 from benchmarks.whirl_runs import QUIET, STILL, TABLE, Plan, emulate, nominal_angle, reversing
@@ -149,3 +150,12 @@ def _true_angle(plan: Plan, time_s: np.ndarray) -> np.ndarray:
     axis.servo(0.0, True)
     axis.demand_rate(plan.rest_s, 6.0)
     return np.radians([axis.total_angle_deg(float(t)) for t in time_s])
+
+
+def test_installation_angles_that_are_known_are_taken_out_of_line_one() -> None:
+    """Of a unit whose x and y gyros lie 2 and -1 arcsec towards z the constant tilt is found, not its sum."""
+    plan = Plan(TEN_TURNS, Wobble(FULL, misalignment_arcsec=(2.0, -1.0)), without=QUIET, table=STILL)
+    record, _ = emulate(plan)
+    known = corrected(record, (2.0, -1.0))
+    assert fit_direct([known]).amplitude(1.0).value == pytest.approx(FULL[1.0], abs=1e-3)
+    assert abs(fit_direct([record]).amplitude(1.0).value - FULL[1.0]) == pytest.approx(np.sqrt(5.0), abs=1e-2)

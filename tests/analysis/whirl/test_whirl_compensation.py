@@ -82,8 +82,9 @@ def test_another_unit_is_refused(compensation: WhirlCompensation) -> None:
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.floats(-0.4, 0.4), min_size=1, max_size=40), st.integers(0, 2**31))
 def test_stream_equals_batch_with_wrapped_angles(steps: list[float], seed: int) -> None:
+    plays = np.array([5.0 + 1.0j, -2.0j])
     made = WhirlCompensation(
-        "U", (-1.0, 2.0), np.array([3 + 1j, -2 + 4j]), np.zeros(2), "mean", 0j, 5.0 + 1.0j
+        "U", (-1.0, 2.0), np.array([3 + 1j, -2 + 4j]), np.zeros(2), "mean", 0j, (0.5, 20.0), plays
     )
     angle = np.cumsum(np.concatenate(([0.3], steps)))
     attitude = Rotation.random(len(angle), random_state=seed).as_matrix()

@@ -86,6 +86,9 @@ def test_lines_of_the_unit_are_found_and_another_run_is_corrected(runs: tuple[Pa
     assert judgement.locked_factor >= 100.0
     assert not study.judged_on_fitted
     assert study.fit.drift_dph  # separated by the reversals
+    # The mechanism stands still before and after: what is left then is the walk of the gyros, no whirl.
+    assert len(judgement.rests_arcsec) == 2
+    assert max(judgement.rests_arcsec) < 0.1 * judgement.before.locked_arcsec
     own = judge(fitted.record, study.compensation, study.fit)
     assert own.locked_factor >= 100.0
 

@@ -26,6 +26,10 @@ def whirl(
     gyro: GyroToFit = None,
     out: FitFolder = Path("whirl"),
     gauge: Annotated[str, Option(help="how the unobservable constant tilt is fixed")] = "mean",
+    installation_arcsec: Annotated[
+        tuple[float, float] | None,
+        Option(help="known angles of the x and of the y gyro towards z; taken out of their rates"),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Fit the whirl of a rotating INS from gyro and angle.
@@ -43,7 +47,8 @@ def whirl(
     opened = [Run.open(folder) for folder in (*runs, *(test or []))]
     with console.status("fitting whirl"):
         fitted, judging = opened[: len(runs)], opened[len(runs) :]
-        study = study_whirl_runs(fitted, judging, gyro, gauge=cast("Gauge", gauge))
+        named = cast("Gauge", gauge)
+        study = study_whirl_runs(fitted, judging, gyro, gauge=named, installation_arcsec=installation_arcsec)
     with saved_together(out) as part:
         study.compensation.save(part / WHIRL_FILE)
         write_report(part / REPORT_FILE, whirl_page(study, opened, part / WHIRL_FILE))
@@ -64,6 +69,7 @@ def whirl(
             "before_arcsec": row.before.locked_arcsec,
             "after_arcsec": row.after.locked_arcsec,
             "total_after_arcsec": row.after.total_arcsec,
+            "rests_arcsec": list(row.rests_arcsec),
         }
         for row in study.judgements
     ]

@@ -24,7 +24,13 @@ def cold_shock(
     test: TestRuns = None,
     gyro: GyroToFit = None,
     out: FitFolder = Path("fit"),
-    models: Annotated[str | None, Option(help="models to fit, separated by commas; default all")] = None,
+    models: Annotated[
+        str | None,
+        Option(
+            help="models to fit, separated by commas; default all. A network's settings: lstm:hidden=32+seed=1; "
+            "several seeds show their spread"
+        ),
+    ] = None,
     jobs: Jobs = None,
     cluster: Cluster = None,
     as_json: Json = False,

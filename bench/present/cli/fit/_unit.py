@@ -110,6 +110,10 @@ def calibration(
     velocity_noise_mps: VelocityNoise = 1e-3,
     wander_dph: Annotated[float, Option(help="gyro bias wander, deg/h; 0: none")] = 0.0,
     wander_ug: Annotated[float, Option(help="accelerometer bias wander, ug; 0: none")] = 0.0,
+    prior_scale: Annotated[
+        float,
+        Option(help="how many times larger the unit's errors may be than a navigation-grade unit's, to 30"),
+    ] = 1.0,
     lever_arms: Annotated[bool, Option("--lever-arms", help="estimate inner lever arms and lag")] = False,
     range_dps: Annotated[float | None, Option(help="measuring range of the gyros, deg/s")] = None,
     as_told: Annotated[
@@ -165,6 +169,7 @@ def calibration(
             range_dps=range_dps,
             as_told=as_told,
             earlier=[ImuCompensation.load(path) for path in after or ()],
+            prior_scale=prior_scale,
         )
         content = CalibrationContent(
             result.evaluation,
