@@ -12,7 +12,7 @@ from bench.present.report._numbers import DASH, fixed
 from bench.present.report._page import Block, Cell, Row, Table, named
 
 if TYPE_CHECKING:
-    from bench.analysis.rlg import BeforeAfter, RlgStudy
+    from bench.analysis.rlg import BeforeAfter, Judged, RlgStudy
 
 
 def judged_blocks(study: RlgStudy) -> list[Block]:
@@ -36,27 +36,27 @@ def _improvement(study: RlgStudy) -> Table:
             rows.append(_shares(study, of_kind, "", "mean"))
     if len(study.tests) > 1:
         rows.append(_shares(study, range(len(study.tests)), "All", "mean", emphasis=True))
-    heads = ["Differs by", "Run", *(f">{variant.name} [%]" for variant in study.variants), ">Attained [%]"]
+    heads = ["Differs by", "Run", *(f">{way.name} [%]" for way in study.everything), ">Attained [%]"]
     caption = (
         "Improvement of the stability of 100 s means on runs that had no part in the fit, by how these differ "
-        f"from those that had. Attained: by {study.chosen.name}."
+        f"from those that had. Attained: by {study.chosen.name}, which was taken."
     )
     return Table(heads, rows, caption)
 
 
 def _shares(study: RlgStudy, which: Sequence[int], kind: str, run: str, *, emphasis: bool = False) -> Row:
     cells = [Cell(kind, strong=True), Cell(run)]
-    for variant in study.variants:
-        mean = float(np.mean([variant.judged[n].improvement_pct for n in which]))
+    for way in study.everything:
+        mean = float(np.mean([way.judged[n].improvement_pct for n in which]))
         cells.append(Cell(fixed(mean, 1), "plain" if mean >= 0 else "bad"))
     cells.append(Cell(fixed(attained([study.chosen.judged[n] for n in which])[1], 1)))
     return Row(cells, emphasis=emphasis)
 
 
 def _stability(study: RlgStudy) -> Table:
-    rows = []
+    rows, ways = [], _few(study)
     for n, row in enumerate(study.chosen.judged):
-        after = [fixed(variant.judged[n].after_dph, 5) for variant in study.variants]
+        after = [fixed(way.judged[n].after_dph, 5) for way in ways]
         split = row.apart
         outside = Cell(f"{split.outside} of {split.count}", "doubt" if split.outside else "plain")
         cells = [row.kind or DASH, fixed(row.before_dph, 5), *after, fixed(row.oracle_dph, 5)]
@@ -68,7 +68,7 @@ def _stability(study: RlgStudy) -> Table:
             )
         ]
         rows.append(named(row.run_id, *cells, outside, *parts))
-    after = [f">{variant.name} [°/h]" for variant in study.variants]
+    after = [f">{way.name} [°/h]" for way in ways]
     heads = ["Run", "Profile", ">Before [°/h]", *after, ">True drift off [°/h]", ">Rows outside"]
     heads += [f">{study.chosen.name}, rows inside [°/h]", ">outside [°/h]"]
     caption = (
@@ -78,12 +78,19 @@ def _stability(study: RlgStudy) -> Table:
     return Table(heads, rows, caption)
 
 
+def _few(study: RlgStudy) -> list[Judged]:
+    """Return the equations, and what was taken if it is none of them."""
+    return [*study.variants, *(form for form in study.forms if form.name == study.chosen.name)]
+
+
 def _hysteresis(study: RlgStudy) -> Table:
+    ways = _few(study)
+
     def row(n: int, of: BeforeAfter) -> Row:
-        after = [fixed(variant.judged[n].hysteresis_after_dph, 5) for variant in study.variants]
+        after = [fixed(way.judged[n].hysteresis_after_dph, 5) for way in ways]
         return named(of.run_id, of.differs, fixed(of.hysteresis_before_dph, 5), *after)
 
-    heads = ["Run", "Differs by", ">Before [°/h]", *(f">{variant.name} [°/h]" for variant in study.variants)]
+    heads = ["Run", "Differs by", ">Before [°/h]", *(f">{way.name} [°/h]" for way in ways)]
     rows = [row(n, of) for n, of in enumerate(study.chosen.judged)]
     caption = (
         "Hysteresis: rms difference between warming and cooling at the same temperature, before and after each "
