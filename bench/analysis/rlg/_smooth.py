@@ -179,20 +179,25 @@ class SmoothFit:
     found: RunSpread
 
     def after(self, runs: Sequence[RampRun], more: float) -> float:
-        """Return the improvement to expect on further runs like `runs` once `more` of them are fitted, %.
+        """Return the improvement in the middle for further runs like `runs` once `more` of them are fitted, %.
 
-        From expected variances of rows, the form's own; infinity: what is left is the run's own.
+        The form's own, over drawn runs with the expected variance of what is not sure; infinity: what is left is
+        noise and what a run has of its own.
         """
-        covariance = self.found.covariance_after(more)
-        left = drift = 0.0
+        form, covariance = self.form, self.found.covariance_after(more)
+        rng = np.random.default_rng(0)
+        size = np.sqrt(form.freedom / rng.chisquare(form.freedom, (_DRAWS, 1)))
+        apart = size * (rng.standard_normal((_DRAWS, len(form.apart))) @ form.apart)
+        middles = []
         for run in runs:
-            columns, own = self.form.basis.matrix(run), own_columns(run)
+            columns, own = form.basis.matrix(run), own_columns(run)
             columns, own = columns - columns.mean(axis=0), own - own.mean(axis=0)
-            apart = float((columns @ self.form.apart.T).var(axis=0).sum())
-            apart += float((own**2 @ self.form.own).mean()) + self.form.noise
-            left += apart + float(np.einsum("ij,jk,ik->", columns, covariance, columns)) / len(columns)
-            drift += apart + float(np.var(columns @ self.form.coefficients))
-        return 100.0 * (1.0 - float(np.sqrt(left / drift)))
+            always = float((own**2 @ form.own).mean()) + form.noise
+            unsure = float(np.einsum("ij,jk,ik->", columns, covariance, columns)) / len(columns)
+            left = np.var(apart @ columns.T, axis=1) + always + unsure
+            drift = np.var((form.coefficients + apart) @ columns.T, axis=1) + always + unsure
+            middles.append(100.0 * (1.0 - float(np.median(np.sqrt(left / drift)))))
+        return float(np.mean(middles))
 
 
 def fit_smooth(

@@ -19,7 +19,7 @@ def judged_blocks(study: RlgStudy) -> list[Block]:
     """Return the tables of improvement by kind of run, of stability before and after, of hysteresis."""
     if not study.tests:
         return []
-    return [_improvement(study), _stability(study), _hysteresis(study)]
+    return [_improvement(study), _stability(study), *_outside(study), _hysteresis(study)]
 
 
 def _improvement(study: RlgStudy) -> Table:
@@ -54,28 +54,36 @@ def _shares(study: RlgStudy, which: Sequence[int], kind: str, run: str, *, empha
 
 
 def _stability(study: RlgStudy) -> Table:
-    rows, ways = [], _few(study)
+    ways = _few(study)
+    rows = []
     for n, row in enumerate(study.chosen.judged):
         after = [fixed(way.judged[n].after_dph, 5) for way in ways]
-        split = row.apart
-        outside = Cell(f"{split.outside} of {split.count}", "doubt" if split.outside else "plain")
         cells = [row.kind or DASH, fixed(row.before_dph, 5), *after, fixed(row.oracle_dph, 5)]
-        parts = [
-            f"{fixed(before, 5)} → {fixed(after, 5)}" if split.outside and before is not None else DASH
-            for before, after in (
-                (split.inside_before, split.inside_after),
-                (split.outside_before, split.outside_after),
-            )
-        ]
-        rows.append(named(row.run_id, *cells, outside, *parts))
+        rows.append(named(row.run_id, *cells))
     after = [f">{way.name} [°/h]" for way in ways]
-    heads = ["Run", "Profile", ">Before [°/h]", *after, ">True drift off [°/h]", ">Rows outside"]
-    heads += [f">{study.chosen.name}, rows inside [°/h]", ">outside [°/h]"]
+    heads = ["Run", "Profile", ">Before [°/h]", *after, ">True drift off [°/h]"]
+    return Table(heads, rows, "Stability, 1σ of 100 s means, before and after.")
+
+
+def _outside(study: RlgStudy) -> list[Table]:
+    """Return the stability inside and outside of what was fitted, where there are rows outside."""
+    rows = []
+    for row in study.chosen.judged:
+        split = row.apart
+        if not split.outside:
+            continue
+        pairs = ((split.inside_before, split.inside_after), (split.outside_before, split.outside_after))
+        cells = [
+            f"{fixed(before, 5)} → {fixed(after, 5)}" if before is not None else DASH
+            for before, after in pairs
+        ]
+        rows.append(named(row.run_id, Cell(f"{split.outside} of {split.count}", "doubt"), *cells))
+    heads = ["Run", ">Rows outside", ">Rows inside [°/h]", ">Rows outside [°/h]"]
     caption = (
-        "Stability, 1σ of 100 s means, before and after each equation. Rows outside lie beyond the temperatures "
-        "or rates of the training runs."
+        f"Stability before and after {study.chosen.name} of rows within and beyond the temperatures and rates of "
+        "the training runs."
     )
-    return Table(heads, rows, caption)
+    return [Table(heads, rows, caption)] if rows else []
 
 
 def _few(study: RlgStudy) -> list[Judged]:

@@ -180,11 +180,13 @@ def _print_equations(console: Terminal, study: RlgStudy) -> None:
     console.table(heads, equations, f"unit {study.unit_id}")
     if not study.tests:
         return
-    table = Table("run", "differs by", "before", *(way.name for way in study.everything),
+    ways = [way for way in study.everything if way is not study.variants[0]]
+    short = [way.name.replace(",", " ").split()[0] for way in ways]
+    table = Table("run", "differs by", "before", *short,
                   title="stability of 100 s means before, deg/h, and less by %")  # fmt: skip
     table.columns[0].overflow = "fold"
     for n, row in enumerate(study.chosen.judged):
-        improvements = [f"{way.judged[n].improvement_pct:.1f}" for way in study.everything]
+        improvements = [f"{way.judged[n].improvement_pct:.1f}" for way in ways]
         table.add_row(row.run_id, row.differs, f"{row.before_dph:.5f}", *improvements)
     console.print(table)
 
