@@ -1,4 +1,4 @@
-"""Four ring lasers whose bias over temperature is no sum of the eleven candidates, with a spread from run to run.
+"""Five ring lasers whose bias over temperature is no sum of the eleven candidates, with a spread from run to run.
 
 Heat flows through linear nodes on a grid of 10 s. Every power-on draws the size of each effect, `spread`
 (1 sigma) about the unit's own; the offset of a run is drawn too, since a regression judges spreads only.
@@ -88,11 +88,29 @@ def third_node(air: Array, unit: np.random.Generator) -> tuple[Array, Array, lis
     return case, block, [arms, arms * np.abs(arms), block - 0.003 * (block - 20.0) ** 2, per_minute(case)]
 
 
+def sticking_joints(air: Array, unit: np.random.Generator) -> tuple[Array, Array, list[Array]]:
+    """Joints that stick, each at a load of its own; a heater that regulates in the cold; a narrow resonance."""
+    case = lag(air, unit.uniform(600.0, 900.0))
+    heater = lag(np.clip((unit.uniform(5.0, 15.0) - case) / 20.0, 0.0, 1.0), 400.0)
+    block = lag(case, unit.uniform(1200.0, 1800.0)) + 2.0 + 4.0 * heater
+    loads = unit.uniform(1.0, 12.0, 5)
+    stuck = np.zeros((5, len(block)))
+    held = np.full(5, block[0])
+    for row, value in enumerate(block):
+        held += np.maximum(value - held - loads, 0.0) - np.maximum(held - value - loads, 0.0)
+        stuck[:, row] = held
+    resonance = 1.0 / (1.0 + ((case - unit.uniform(0.0, 40.0)) / 4.0) ** 2)
+    friction = per_minute(case) * np.exp(-case / 40.0)
+    return case, block, [stuck.mean(axis=0) - block, heater * (case - block), resonance, friction]
+
+
+# the last was written when the method stood, and never looked at while it was made
 FAMILIES: dict[str, Effects] = {
     "mode hops": mode_hops,
     "slow mounts": slow_mounts,
     "backscatter": lock_in,
     "third body": third_node,
+    "sticking joints": sticking_joints,
 }
 NOISE_DEG_PER_SQRT_H = 2.0e-4
 _PEAKS_DPH = (0.02, 0.008, 0.012, 0.015)

@@ -36,9 +36,9 @@ _STEPS = 200
 class RunSpread:
     """What was found. `coefficients` (p,), w; their `covariance` (p, p); `prior` (p,), L; `own` (q,), of v_r.
 
-    `apart` (p, p): the covariance of u_r, from what the fitted runs show of it. `freedom`: the degrees of freedom
-    it is worth, 0 of one run. `noise`: variance of a row. `information` (p, p): what one more run like the mean
-    of those fitted tells of w.
+    `apart` (p, p): the covariance of u_r, from what the fitted runs show of it; it is worth one degree of freedom
+    less than there are runs. `noise`: variance of a row. `information` (p, p): what one more run like the mean of
+    those fitted tells of w.
     """
 
     coefficients: Array
@@ -47,7 +47,6 @@ class RunSpread:
     apart: Array
     own: Array
     noise: float
-    freedom: float
     information: Array
 
     def covariance_after(self, more: float) -> Array:
@@ -93,19 +92,8 @@ def fit_run_spread(
         size * apart,
         size * found.varying[len(found.prior) :],
         float(size * np.exp(point[-1])),
-        (len(outputs) - 1) * _kinds(columns, apart, shares),
         found.information.mean(axis=0) / size,
     )
-
-
-def _kinds(columns: Sequence[Array], apart: Array, shares: Array) -> float:
-    """Return over how many groups the spread is spread: their sum squared over the sum of their squares."""
-    rows = np.concatenate([part - part.mean(axis=0) for part in columns])
-    sizes = []
-    for share in shares:
-        own = share > 0.0
-        sizes.append(float(np.einsum("ij,jk,ik->", rows[:, own], apart[np.ix_(own, own)], rows[:, own])))
-    return float(np.sum(sizes) ** 2 / np.sum(np.square(sizes)))
 
 
 @dataclass(frozen=True, eq=False)

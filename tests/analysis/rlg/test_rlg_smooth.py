@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.stats import norm
 from scipy.stats import t as student
 
 from bench.analysis.common.state_file import read_state, write_state
@@ -126,25 +127,24 @@ def test_what_a_run_left_out_says_is_computed_again(backscatter) -> None:
     assert study.choice.errors[SMOOTH][1] == pytest.approx(left.std() / runs[1].bias_dph.std(), rel=1e-6)
 
 
-def test_an_interval_adds_up_its_variances_with_their_freedom(backscatter) -> None:
+def test_an_interval_adds_up_what_few_runs_tell_and_what_is_known(backscatter) -> None:
     runs, _ = backscatter
     basis = Basis.of(runs[:3], one_temperature=False)
     count = len(basis.kept)
     doubt, apart = np.zeros((1, count)), np.zeros((1, count))
     own = np.zeros(OWN_SHARES.shape[1])
     own[0] = 4.0
-    form = SmoothForm(basis, np.zeros(count), 1.0, doubt, apart, own, 9.0, 2.5, 3)
-    # offset: 4 (3 + 1) / (3 - 1) with two degrees of freedom, noise 9 and (1 - 3)^2 known: in all 21
-    freedom = 21.0**2 / (8.0**2 / 2.0)
-    expected = student.ppf(0.975, freedom) * np.sqrt(21.0)
+    form = SmoothForm(basis, np.zeros(count), 1.0, doubt, apart, own, 9.0, 3)
+    # offset: 4 (3 + 1) / (3 - 1) with two degrees of freedom, noise 9 and (1 - 3)^2 known
+    few, many = student.ppf(0.975, 2), norm.ppf(0.975)
     half = form.half_width_dph(runs[3], np.full(len(runs[3].time_s), 3.0))
-    assert half == pytest.approx(np.full(len(half), expected))
-    apart[0, 3] = 0.7
-    column = basis.matrix(runs[3])[:, 3]
-    whole = 8.0 + 9.0 + (0.7 * column) ** 2
-    freedom = whole**2 / (8.0**2 / 2.0 + (0.7 * column) ** 4 / 2.5)
-    found = replace(form, apart=apart).half_width_dph(runs[3], np.full(len(column), 1.0))
-    assert found == pytest.approx(student.ppf(0.975, freedom) * np.sqrt(whole))
+    assert half == pytest.approx(np.full(len(half), np.sqrt(few**2 * 8.0 + many**2 * 13.0)))
+    apart[0, 3], doubt[0, 5] = 0.7, 0.2
+    columns = basis.matrix(runs[3])
+    whole = 8.0 + (0.7 * columns[:, 3]) ** 2 + (0.2 * columns[:, 5]) ** 2
+    found = replace(form, apart=apart, doubt=doubt).half_width_dph(runs[3], np.full(len(columns), 1.0))
+    assert found == pytest.approx(np.sqrt(few**2 * whole + many**2 * 9.0))
+    column = columns[:, 3]
     with pytest.raises(ConfigurationError, match="one run says nothing"):
         replace(form, runs=1).promise(runs[3], column)
 
@@ -156,7 +156,7 @@ def test_a_promise_is_that_of_runs_drawn_from_the_form(backscatter) -> None:
     coefficients = np.zeros(len(basis.kept))
     coefficients[0] = 2.0
     nothing = np.zeros((1, len(coefficients)))
-    form = SmoothForm(basis, coefficients, 5.0, nothing, nothing, np.zeros(OWN_SHARES.shape[1]), 0.25, 2.0, 3)
+    form = SmoothForm(basis, coefficients, 5.0, nothing, nothing, np.zeros(OWN_SHARES.shape[1]), 0.25, 3)
     drift = form.drift_dph(runs[0])
     promise = form.promise(runs[0], drift)
     expected = 100.0 * (1.0 - 0.5 / np.hypot(0.5, drift.std()))
