@@ -1,6 +1,6 @@
 """Ring laser: what the fitted equation reaches of the attainable, at several spreads from power-on to power-on.
 
-    python -m benchmarks.off_class.rlg [--units N]
+    python -m benchmarks.off_class.rlg [--units N] [--first N] [--fitted N]
 
 Three runs are fitted (two alike, one reversed), three others judge: another day, a faster one, part of the range.
 """
@@ -43,11 +43,11 @@ class Outcome:
     taken: tuple[str, ...]
 
 
-def examine(family: str, spread: float, units: int, fitted: int = _FITTED) -> Outcome:
+def examine(family: str, spread: float, units: Sequence[int], fitted: int = _FITTED) -> Outcome:
     """Fit and judge units of a family on the first `fitted` runs of three."""
     shares, equations, limits, improvements, taken = [], [], [], [], []
     inside, kept, low = [], [], []
-    for unit in range(units):
+    for unit in units:
         kinds = (*_KINDS[:fitted], *_KINDS[_FITTED:])
         runs = unit_runs(FAMILIES[family], unit, spread, kinds)
         study = run_rlg_study(runs[:fitted], runs[fitted:])
@@ -80,7 +80,7 @@ def rows() -> Iterator[Row]:
     """Return the worst and the median family's share of the attainable at each spread, and what is held."""
     inside, kept = [], []
     for spread in SPREADS:
-        found = [examine(family, spread, usual(4, 1)) for family in FAMILIES]
+        found = [examine(family, spread, range(usual(4, 1))) for family in FAMILIES]
         shares = [float(np.mean(one.shares)) for one in found]
         limit = min(float(np.mean(one.limits)) for one in found)
         for name, value in (("worst", min(shares)), ("median", float(np.median(shares)))):
@@ -98,6 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--units", type=int, default=4)
+    parser.add_argument("--first", type=int, default=0, help="the first unit's number")
     parser.add_argument("--fitted", type=int, choices=(1, 2, 3), default=_FITTED, help="runs that are fitted")
     asked = parser.parse_args(arguments)
     print(
@@ -107,7 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     every = []
     for family in FAMILIES:
         for spread in SPREADS:
-            o = examine(family, spread, asked.units, asked.fitted)
+            o = examine(family, spread, range(asked.first, asked.first + asked.units), asked.fitted)
             every.append((o.inside, o.kept, o.above_low))
             counts = ", ".join(f"{o.taken.count(name)} {name}" for name in dict.fromkeys(o.taken))
             cells = [
