@@ -66,11 +66,14 @@ def fit_run_spread(
     outputs: Sequence[Array],
     shares: Array,
     own_shares: Array,
+    start: Array | None = None,
 ) -> RunSpread:
     """Fit runs of `columns` (n_r, p), `own_columns` (n_r, q) and `outputs` (n_r,), less their common mean.
 
     `shares` (groups, p), `own_shares` (own groups, q): the variance of a column is the sum of the groups'
-    variances times its shares of them. ConfigurationError for outputs that do not change.
+    variances times its shares of them. `start` (groups,): where the search for these variances begins, in parts
+    of the usual; of groups that can stand for each other the larger one explains more. ConfigurationError for
+    outputs that do not change.
     """
     size = float(np.mean([np.var(output) for output in outputs]))
     if not size > 0.0:
@@ -82,7 +85,7 @@ def fit_run_spread(
         )
     scale = np.sqrt(size)
     problem = _Problem(columns, own_columns, [output / scale for output in outputs], shares, own_shares)
-    point = problem.solved()
+    point = problem.solved(np.ones(len(shares)) if start is None else start)
     found = problem.at(point)
     apart = problem.apart(point, found)
     return RunSpread(
@@ -131,10 +134,10 @@ class _Problem:
         self.products = [rows.T @ rows for rows in self.rows]
         self.right = [rows.T @ output for rows, output in zip(self.rows, outputs, strict=True)]
 
-    def solved(self) -> Array:
-        """Return the log variances of the largest marginal likelihood."""
+    def solved(self, first: Array) -> Array:
+        """Return the log variances of the largest marginal likelihood from a start, `first` of the usual."""
         start = np.log(
-            [*[_START_SHARE] * self.count, *[_START_OWN] * self.own_count, PRIOR_SPREAD**2, _START_SHARE]
+            [*(_START_SHARE * first), *[_START_OWN] * self.own_count, PRIOR_SPREAD**2, _START_SHARE]
         )
         sizes = (np.log(_LEAST_SHARE), np.log(_MOST_SHARE))
         bounds = [sizes] * (self.count + self.own_count)

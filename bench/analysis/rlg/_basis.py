@@ -29,8 +29,11 @@ _MARGIN = 0.1
 _DRIFT = 10
 """Cosines of a run's own slow drift."""
 _BLANK = 1e-9
+_SECOND_START = 0.01
 GROUPS = ("line", "smooth T1", "smooth T2", "rough T1", "rough T2", "drives", "drives x T2",
           "signed squares", "squares", "memory")  # fmt: skip
+SECOND = GROUPS[6:9]
+"""The groups of second order: at the one rate of a usual ramp they can stand for those of the first."""
 STATIC = GROUPS[:5]
 """The groups of a spline on the temperatures alone."""
 
@@ -77,8 +80,15 @@ class Basis:
 
     def shares(self, groups: Sequence[str] = GROUPS) -> Array:
         """Return the shares that the kept columns have of the variances of `groups`, (len(groups), p)."""
-        shares = _shares()[np.isin(GROUPS, groups)][:, self.kept]
-        return shares[shares.any(axis=1)]
+        return _shares()[self._present(groups)][:, self.kept]
+
+    def start(self, groups: Sequence[str] = GROUPS) -> Array:
+        """Return where the search for the variances of `shares` begins: second orders explain what is left."""
+        present = np.array(GROUPS)[self._present(groups)]
+        return np.where(np.isin(present, SECOND), _SECOND_START, 1.0)
+
+    def _present(self, groups: Sequence[str]) -> NDArray[np.bool_]:
+        return np.isin(GROUPS, groups) & _shares()[:, self.kept].any(axis=1)
 
     def matrix(self, run: RampRun) -> Array:
         """Return the kept columns of all rows of a run, (n, p)."""

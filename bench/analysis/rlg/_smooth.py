@@ -220,6 +220,7 @@ def fit_smooth(
         [values - mean for values in bias],
         basis.shares(groups),
         OWN_SHARES,
+        basis.start(groups),
     )
     form = SmoothForm(
         basis,
