@@ -67,7 +67,7 @@ print([(cause.effect, cause.values) for channel in found.channels for cause in g
 FIT = """
 import gyrobench
 [study] = gyrobench.fit_stepwise(["ramps/up"], ["ramps/down"]).values()
-print(study, study.chosen.result.steps[-1], [row.after_dph for row in study.chosen.judged])
+print(study, study.equation.result.steps[-1], [row.after_dph for row in study.chosen.judged])
 study = gyrobench.fit_heading_effect("heading.csv", latitude_deg=0.0, longitude_deg=100.0)
 print(study, study.model.tau_s, study.nine)
 """

@@ -42,6 +42,9 @@ class FittedCompensation(Shown):
     WHAT: ClassVar[str]
     """What it corrects, in words."""
     FORMAT: ClassVar[int] = 1
+    """The newest format; `file_format` says which one a compensation needs."""
+    OLDER: ClassVar[tuple[int, ...]] = ()
+    """Formats before it that are read as well."""
     SHAPES: ClassVar[Mapping[str, tuple[int | str, ...]]] = {}
     """Arrays among the attributes and their shapes; a word stands for a length, equal wherever it is said."""
     POSITIVE: ClassVar[tuple[str, ...]] = ()
@@ -82,10 +85,15 @@ class FittedCompensation(Shown):
         """Return the names of the attributes that this kind adds."""
         return [item.name for item in fields(cls) if item.name not in FittedCompensation.__dataclass_fields__]
 
+    @property
+    def file_format(self) -> int:
+        """The oldest format that says all of it: what reads that format reads the file."""
+        return self.FORMAT
+
     def describe(self) -> dict[str, Any]:
         """Return what the file says as JSON-able values."""
         return {
-            "format": self.FORMAT,
+            "format": self.file_format,
             **({} if self.KIND is None else {"kind": self.KIND}),
             "unit_id": self.unit_id,
             **self._described(),
@@ -119,7 +127,7 @@ class FittedCompensation(Shown):
         All its numbers are finite, its arrays of their shapes, and what it gives on an ordinary input is finite.
         """
         state = read_state(path)
-        if (state.get("kind"), state.get("format")) != (cls.KIND, cls.FORMAT):
+        if state.get("kind") != cls.KIND or state.get("format") not in (cls.FORMAT, *cls.OLDER):
             raise RecordError(
                 "this compensation file is of another kind or format",
                 where=str(path),

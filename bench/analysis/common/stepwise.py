@@ -89,7 +89,7 @@ class StepwiseResult:
     @property
     def multiple_r(self) -> float:
         """Square root of R2."""
-        return float(np.sqrt(self.final.r2))
+        return float(np.sqrt(max(self.final.r2, 0.0)))  # rounding of no term at all
 
     def predict(self, x: Array) -> Array:
         """Return the regression's value for terms `x`, shape (n, k) in the order of `names`."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,18 @@ class RampRun:
     true_bias_dph: Array | None = None
     checksum: str = ""
     kind: str = ""
+
+    def part(self, use: NDArray[np.bool_]) -> RampRun:
+        """Return the rows that `use`, (n,), names; what is on both sides of a gap is no neighbour."""
+        number, segment, truth = np.flatnonzero(use), self.segment[use], self.true_bias_dph
+        gaps = (np.diff(number, prepend=number[0]) > 1) | (np.diff(segment, prepend=segment[0]) > 0)
+        columns = {name: getattr(self, name)[use] for name in _COLUMNS}
+        return replace(
+            self, **columns, segment=np.cumsum(gaps), true_bias_dph=None if truth is None else truth[use]
+        )
+
+
+_COLUMNS = ("time_s", "case_c", "block_c", "case_rate", "block_rate", "bias_dph")
 
 
 def ramp_run(

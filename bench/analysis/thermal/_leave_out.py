@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis.common.fan_out import ALONE, FanOut
+from bench.analysis.common.leave_out import within_one_standard_error
 from bench.analysis.thermal._mean import MeanModel, mean_prediction
 from bench.analysis.thermal._registry import is_network, new_model
 from bench.analysis.thermal._regression import TARGETS, anchored_errors
@@ -140,12 +141,7 @@ def _alike(folds: Sequence[Fold], name: str, better: str) -> bool:
 
 def _tied_with_best(candidates: Mapping[tuple[str, ...], Array]) -> list[tuple[str, ...]]:
     """Return who is within one standard error of the best, those of fewer models first."""
-    best = min(candidates.values(), key=lambda error: float(error.mean()))
-    tied = []
-    for names, error in candidates.items():
-        apart = error - best
-        if apart.mean() <= apart.std(ddof=1) / np.sqrt(len(apart)):
-            tied.append(names)
+    tied = within_one_standard_error(candidates)
     # Of single models the best only.
     return [*[names for names in tied if len(names) == 1][:1], *(names for names in tied if len(names) > 1)]
 

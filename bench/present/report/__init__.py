@@ -20,6 +20,8 @@ from bench.present.report._layout import render_page
 from bench.present.report._look import look_page
 from bench.present.report._page import Page
 from bench.present.report._rlg import stepwise_page
+from bench.present.report._rlg_expected import choice_sentence, expected_sentence
+from bench.present.report._rlg_units import stepwise_units_page
 from bench.present.report._run import report_run, run_page
 from bench.present.report._run_content import run_content
 from bench.present.report._scores import outside_sentence
@@ -36,6 +38,8 @@ __all__ = [
     "certify",
     "certify_campaign",
     "chamber_cycle_page",
+    "choice_sentence",
+    "expected_sentence",
     "gap_page",
     "heading_page",
     "load_laboratory",
@@ -49,6 +53,7 @@ __all__ = [
     "run_page",
     "standard_test_page",
     "stepwise_page",
+    "stepwise_units_page",
     "whirl_page",
     "write_atml",
     "write_dcc",

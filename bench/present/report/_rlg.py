@@ -1,4 +1,4 @@
-"""The report of a stepwise regression: every step, the equation, its statistics, bias before and after."""
+"""The report of a ring laser's study: what to expect, bias before and after, every step, statistics."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from bench.analysis.common.statistics import attained
 from bench.present.report import _parts as parts
-from bench.present.report._figures import Curve, Lane, lanes
+from bench.present.report._figures import Curve, Lane, lanes, panels
 from bench.present.report._numbers import DASH, fixed, moment, significant
 from bench.present.report._page import (
     Block,
@@ -26,12 +26,14 @@ from bench.present.report._page import (
     Verdict,
     named,
 )
-from bench.present.report._palette import BLUE, ORANGE
+from bench.present.report._palette import BLUE, MUTED, ORANGE
+from bench.present.report._rlg_expected import choice_sentence, expected_blocks, expected_sentence
 from bench.present.report._rlg_judged import judged_blocks
+from bench.present.report._rlg_units import over_temperature
 from bench.present.report._tables import checksum_table
 
 if TYPE_CHECKING:
-    from bench.analysis.rlg import RampRun, RlgStudy, StepwiseVariant
+    from bench.analysis.rlg import Judged, RampRun, RlgStudy, StepwiseVariant
 
 _PAPER_PCT = 65.0
 _TINIEST = 1e-300
@@ -82,6 +84,8 @@ def stepwise_page(
         sections=[
             parts.warnings([*warnings, *remarks]),
             Section("Bias before and after", judged_blocks(study)),
+            Section("What to expect", expected_blocks(study)),
+            Section("Output over temperature", _over_temperature(study)),
             Section("Held-out runs", [_course(n, run, best) for n, run in enumerate(study.tests, start=1)]),
             Section("Final equations", [_statistics(study), *_equations(study)]),
             Section("Tests of the variables", [*_left_out(study), _tests(study)]),
@@ -99,15 +103,17 @@ def stepwise_page(
     )
 
 
-def _verdict(study: RlgStudy, best: StepwiseVariant) -> Verdict:
+def _verdict(study: RlgStudy, best: Judged) -> Verdict:
     if not best.judged:
         return Verdict(
             "Not judged",
             "doubt",
             [
-                "No run was held out: R² says how well the equation describes the runs it was made of, no more."
+                "No run was held out: R² says how well the equation describes the runs it was made of, no more.",
+                choice_sentence(study),
+                expected_sentence(study),
             ],
-            [Headline("R²", fixed(best.result.final.r2, 4))],
+            [Headline("R²", fixed(study.equation.result.final.r2, 4))],
         )
     mean = best.mean_improvement_pct
     worst = min(best.judged, key=lambda row: row.improvement_pct)
@@ -116,18 +122,30 @@ def _verdict(study: RlgStudy, best: StepwiseVariant) -> Verdict:
     runs = "one run" if len(best.judged) == 1 else f"{len(best.judged)} runs"
     sentences = [
         f"On {runs} that had no part in the fit, {best.name} improves the stability of 100 s "
-        f"means by {mean:.1f} % in the mean; the worst is {worst.run_id} with {worst.improvement_pct:.1f} %."
+        f"means by {mean:.1f} % in the mean; the worst is {worst.run_id} with {worst.improvement_pct:.1f} %.",
+        choice_sentence(study),
+        expected_sentence(study),
     ]
     headlines = [
         Headline("mean improvement", fixed(mean, 1), "%"),
-        Headline("R²", fixed(best.result.final.r2, 4)),
     ]
+    if study.promise is not None:
+        low, high = fixed(study.promise.low_pct, 0), fixed(study.promise.high_pct, 0)
+        headlines.append(Headline("promised", f"{low} to {high}", "%"))
     if share is not None:
         headlines.append(Headline("of what is possible", fixed(share, 1), "%"))
     return Verdict("Improved" if good else "Below 65 %", "good" if good else "doubt", sentences, headlines)
 
 
-def _course(number: int, run: RampRun, best: StepwiseVariant) -> Figures:
+def _over_temperature(study: RlgStudy) -> list[Block]:
+    runs = [(run, "held out") for run in study.tests] or [(run, "fitted") for run in study.training]
+    plots = [over_temperature(run.run_id, note, run, study.chosen) for run, note in runs]
+    caption = "Bias from its mean over the case temperature, before and after what was taken."
+    keys, label = parts.BEFORE_AFTER, "Case temperature, °C"
+    return [panels("over-temperature", plots, caption, keys, x_label=label, y_label="Bias, °/h")]
+
+
+def _course(number: int, run: RampRun, best: Judged) -> Figures:
     hours = run.time_s / 3600.0
     left = run.bias_dph - best.compensation.drift_dph(run)
     plots = [
@@ -136,11 +154,25 @@ def _course(number: int, run: RampRun, best: StepwiseVariant) -> Figures:
             [Curve("case", hours, run.case_c, ORANGE), Curve("block", hours, run.block_c, BLUE)],
             height=90.0,
         ),
+        Lane(
+            "Rate, °C/min",
+            [Curve("case", hours, run.case_rate, ORANGE), Curve("block", hours, run.block_rate, BLUE)],
+            height=70.0,
+        ),
+        Lane("Gradient, °C", [Curve("T1 − T2", hours, run.case_c - run.block_c, BLUE)], height=70.0),
         parts.before_after(
             "Bias from its mean, °/h", hours, run.bias_dph - run.bias_dph.mean(), left - left.mean()
         ),
     ]
-    caption = f"Run {run.run_id}: temperatures and bias before and after {best.name}."
+    caption = f"Run {run.run_id}: temperatures, their rates and gradient, bias before and after {best.name}."
+    smooth = best.compensation.smooth
+    if smooth is not None and smooth.runs > 1:
+        width = best.compensation.half_width_dph(run)
+        bounds = [
+            Curve(label, hours, sign * width, MUTED, "--", 0.9) for label, sign in (("95 %", 1.0), ("", -1.0))
+        ]
+        plots.append(Lane("Left, °/h", [*bounds, Curve("after", hours, left, BLUE)], height=110.0))
+        caption += " Last: what is left with the offset of this power-on, in the interval told for it."
     return lanes(f"held-out-{number}", plots, "Time, h", caption)
 
 

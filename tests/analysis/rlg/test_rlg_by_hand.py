@@ -14,20 +14,22 @@ from bench.analysis.common.stepwise import stepwise
 from bench.analysis.rlg import CANDIDATES, RampRun, RlgCompensation
 from bench.analysis.rlg._cycle import AxisGain, Spread, _sound_rows, _terms, _turns, study_chamber_cycle
 from bench.analysis.rlg._dataset import _lost, _text
-from bench.analysis.rlg._rows import _slope_per_min, _stalls, ramp_run
-from bench.analysis.rlg._study import (
+from bench.analysis.rlg._judge import (
     ANOTHER_DAY,
     RampProfile,
+    how_it_differs,
+    hysteresis_dph,
+    judge,
+    profile_of,
+)
+from bench.analysis.rlg._rows import _slope_per_min, _stalls, ramp_run
+from bench.analysis.rlg._study import (
     StepwiseVariant,
     _collinear,
     _compensation,
     _one_column,
     _segments,
     _usable,
-    how_it_differs,
-    hysteresis_dph,
-    judge,
-    profile_of,
 )
 from bench.analysis.rlg._variables import candidate_matrix
 from drivers.base.errors import ConfigurationError, RecordError
@@ -268,7 +270,7 @@ def test_an_equation_is_judged_by_what_it_leaves():
     with pytest.raises(UnitMismatch):
         equation.drift_dph(replace(run, unit_id="v"))
     rows = (found, replace(found, improvement_pct=0.0))
-    variant = StepwiseVariant("v", None, equation, rows)
+    variant = StepwiseVariant("v", equation, rows, None)
     assert variant.mean_improvement_pct == pytest.approx(0.5 * found.improvement_pct)
     assert math.isnan(replace(variant, judged=()).mean_improvement_pct)
 

@@ -12,8 +12,9 @@ import pytest
 
 from bench.analysis.rlg import _dataset
 from bench.analysis.rlg._cycle import AxisGain, Spread, _gain, _terms, load_chamber_cycle, study_chamber_cycle
+from bench.analysis.rlg._judge import hysteresis_dph, profile_of
 from bench.analysis.rlg._rows import RampRun, ramp_run
-from bench.analysis.rlg._study import CORRECTED, FIVE, PLAIN, hysteresis_dph, profile_of, run_rlg_study
+from bench.analysis.rlg._study import CORRECTED, FIVE, PLAIN, run_rlg_study
 from bench.record.recording import Phase
 from drivers.base.errors import ConfigurationError, RecordError
 
@@ -220,8 +221,8 @@ def test_five_terms_stand_beside_the_selections_with_all_of_them_in():
         weights[0]
     )
     assert five.whitening_rho == 0.0 == study.variant(PLAIN).result.whitening_rho
-    assert study.chosen is study.variant(CORRECTED) and study.chosen.result.n == 298
-    assert {"T1", "dT1"} <= set(study.chosen.result.selected)
+    assert study.chosen is study.variant(CORRECTED) and study.equation.result.n == 298
+    assert {"T1", "dT1"} <= set(study.equation.result.selected)
     assert study.shown()["tests"] == ["c"] and study.unit_id == "u"
     without = run_rlg_study(runs, (), ("T1", "dT1", "T2"))
     assert [variant.name for variant in without.variants] == [PLAIN, CORRECTED]

@@ -7,16 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from bench.analysis.rlg import RampRun, _study
+from bench.analysis.rlg import RampRun, _judge
+from bench.analysis.rlg._judge import RampProfile, how_it_differs, hysteresis_dph, judge, profile_of
 from bench.analysis.rlg._rows import ramp_run
-from bench.analysis.rlg._study import (
-    RampProfile,
-    how_it_differs,
-    hysteresis_dph,
-    judge,
-    profile_of,
-    run_rlg_study,
-)
+from bench.analysis.rlg._study import run_rlg_study
 
 Runs = Callable[[int], dict[str, RampRun]]
 
@@ -38,7 +32,7 @@ Runs = Callable[[int], dict[str, RampRun]]
 def test_five_kelvin_at_either_end_are_the_same_range(
     monkeypatch: pytest.MonkeyPatch, low_c: float, high_c: float, words: str
 ) -> None:
-    monkeypatch.setattr(_study, "profile_of", lambda profile: profile)
+    monkeypatch.setattr(_judge, "profile_of", lambda profile: profile)
     fitted = [RampProfile(1, 1.0, -20.0, 40.0), RampProfile(1, 1.0, 0.0, 60.0)]
     assert how_it_differs(RampProfile(1, 1.0, low_c, high_c), fitted) == words  # type: ignore[arg-type]
 

@@ -109,15 +109,21 @@ def stepwise(
     p_remove: Annotated[float, Option(help="p above which a variable leaves")] = 0.10,
     as_json: Json = False,
 ) -> None:
-    """Fit a ring-laser gyro's bias by stepwise regression.
+    """Fit a ring-laser gyro's bias over temperature by stepwise regression and by a smooth form.
 
-    The bias is fitted over temperature and judged on the test runs.
+    What goes into the file is chosen by leaving each fitted run out, and judged on the test runs.
 
-    A folder for each unit: compensation (of the corrected selection, whatever the test runs say) and report.
+    A folder for each unit with compensation and report; of several units a page that has them all.
     """
     from bench.analysis.common.state_file import saved_together
     from bench.analysis.rlg import CANDIDATES, study_units
-    from bench.present.report import stepwise_page, write_report
+    from bench.present.report import (
+        choice_sentence,
+        expected_sentence,
+        stepwise_page,
+        stepwise_units_page,
+        write_report,
+    )
     from bench.record.recording import Run
 
     console, facts = Terminal(as_json=as_json), {}
@@ -134,22 +140,33 @@ def stepwise(
             page = stepwise_page(study, created_utc=utc_now(), bench_name=bench_name, warnings=warnings)
             write_report(part / "report.html", page)
         _print_equations(console, study)
-        console.say(f"{study.chosen.name}: {study.chosen.compensation.equation()}")
+        console.say(f"{study.equation.name}: {study.equation.compensation.equation()}")
+        console.say(choice_sentence(study))
+        console.say(expected_sentence(study))
         console.say_all((f"{name} left out: {why}" for name, why in study.left_out), style="yellow")
         for run in (*study.training, *study.tests):
             console.say_all((f"{run.run_id}: {remark}" for remark in run.remarks), style="yellow")
         console.say(f"files in {folder}")
         facts[unit] = _stepwise_facts(study) | {"folder": folder}
+    if len(studies) > 1:
+        write_report(
+            out / "units.html", stepwise_units_page(studies, created_utc=utc_now(), bench_name=bench_name)
+        )
+        console.say(f"all units: {out / 'units.html'}")
     console.say_json("result", units=facts, warnings=warnings)
 
 
 def _stepwise_facts(study: RlgStudy) -> dict[str, object]:
-    """Return the chosen equation, and the stability before and after it on every test run."""
-    keys = ("run_id", "before_dph", "after_dph", "improvement_pct")
+    """Return what was taken and why, what to expect, and the stability before and after on every test run."""
+    keys = ("run_id", "before_dph", "after_dph", "improvement_pct", "promise", "inside")
     return {
         "chosen": study.chosen.name,
-        "equation": study.chosen.compensation.equation(),
-        "terms": list(study.chosen.result.selected),
+        "choice": study.choice,
+        "equation": study.equation.compensation.equation(),
+        "terms": list(study.equation.result.selected),
+        "spread": study.spread,
+        "promise": study.promise,
+        "outlook": study.outlook,
         "left_out": dict(study.left_out),
         "tests": [{key: getattr(row, key) for key in keys} for row in study.chosen.judged],
     }
@@ -169,11 +186,13 @@ def _print_equations(console: Terminal, study: RlgStudy) -> None:
     console.table(heads, equations, f"unit {study.unit_id}")
     if not study.tests:
         return
-    table = Table("run", "differs by", "before", *(variant.name for variant in study.variants),
+    ways = [way for way in study.everything if way is not study.variants[0]]
+    short = [way.name.replace(",", " ").split()[0] for way in ways]
+    table = Table("run", "differs by", "before", *short,
                   title="stability of 100 s means before, deg/h, and less by %")  # fmt: skip
     table.columns[0].overflow = "fold"
     for n, row in enumerate(study.chosen.judged):
-        improvements = [f"{variant.judged[n].improvement_pct:.1f}" for variant in study.variants]
+        improvements = [f"{way.judged[n].improvement_pct:.1f}" for way in ways]
         table.add_row(row.run_id, row.differs, f"{row.before_dph:.5f}", *improvements)
     console.print(table)
 

@@ -25,7 +25,7 @@ from bench.present.cli.fit._by_hand import by_hand
 from drivers.base.clock import utc_now
 
 if TYPE_CHECKING:
-    from bench.analysis.calibration import Estimate
+    from bench.analysis.calibration import Calibration, Estimate
     from bench.analysis.figures import Figure
     from bench.present.report import CalibrationContent
 
@@ -150,8 +150,7 @@ def calibration(
         calibrate,
         load_record,
     )
-    from bench.analysis.common.state_file import save_file, saved_together
-    from bench.present.report import CalibrationContent, calibration_page, write_report
+    from bench.present.report import CalibrationContent
     from drivers.base.constants import UG_MPS2
 
     run = load_record(record, scheme=scheme, gyro=gyro, dwell_s=dwell_s, latitude_deg=latitude_deg)
@@ -182,6 +181,14 @@ def calibration(
             corrected=result.corrected,
             budgets=result.budgets,
         )
+    _keep(console, out, result, content)
+
+
+def _keep(console: Terminal, out: Path, result: Calibration, content: CalibrationContent) -> None:
+    """Write compensation, figures and page of a calibration, and say what it found."""
+    from bench.analysis.common.state_file import save_file, saved_together
+    from bench.present.report import calibration_page, write_report
+
     compensation = result.compensation((*content.poorly_seen, *content.warnings))
     with saved_together(out) as part:
         compensation.save(part / "compensation.gyrocomp")
