@@ -184,11 +184,14 @@ def calibrate(
         options = replace(options, wander=wander)
         estimated = estimate(run.increments, replace(task, noise=shown.found), options, run.schedule)
     evaluation = evaluate(after(task, earlier) if earlier else task, run.schedule, run.table)
-    changed = tuple(text for each in earlier for text in changes(estimated, task, each))
+    remarks = [text for each in earlier for text in changes(estimated, task, each)]
+    if earlier:
+        runs = ", ".join(run for each in earlier for run in each.runs)
+        remarks.append(f"Together with {runs}: values and sigmas are of all runs, the course is this run's.")
     return Calibration(
         run,
         together(estimated, task, earlier) if earlier else estimated,
-        replace(evaluation, cautions=(*changed, *evaluation.cautions)),
+        replace(evaluation, cautions=(*remarks, *evaluation.cautions)),
         wander,
         shown,
         not as_told,
