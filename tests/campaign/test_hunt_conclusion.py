@@ -6,8 +6,10 @@ from types import SimpleNamespace
 import pytest
 
 from bench.analysis.gap import UNKNOWN, Choice, key_of
+from bench.campaign import _conclusion
 from bench.campaign._conclusion import _told
-from bench.campaign.hunt import BUDGET, DECIDED, UNDECIDED, Conclusion, Told, next_choice
+from bench.campaign.hunt import BUDGET, DECIDED, NO_GAP, UNDECIDED, Conclusion, Hunt, Told, next_choice
+from bench.record.events.campaign import NextRun, Sought
 
 
 def design(procedure, hours, **settings):
@@ -104,6 +106,45 @@ def test_an_answer_that_two_runs_in_a_row_did_not_confirm_is_open():
         None,
         UNDECIDED,
     )
+
+
+def test_what_is_named_is_confirmed_when_it_was_found_again_and_foretold_some_of_the_newest_run(monkeypatch):
+    named = SimpleNamespace(name="shupe")
+    explained = SimpleNamespace(leading=SimpleNamespace(label=frozenset({"shupe"})))
+
+    def judged(low, cells=3, causes=(named,), unknown=0.1):
+        rate = SimpleNamespace(
+            causes=causes, unknown_probability=unknown, held_out=[SimpleNamespace(low=low, cells=cells)]
+        )
+        monkeypatch.setattr(_conclusion, "_diagnosed", lambda *_: SimpleNamespace(rate=rate))
+        return _conclusion._confirmed(explained, "shupe", [1, 2], None)
+
+    assert judged(0.02) == (True, frozenset())
+    # nothing of it was foretold, nothing of it shows there, another was named, something unknown beside
+    assert judged(-0.02) == judged(0.3, cells=0) == (False, frozenset({"shupe"}))
+    assert judged(0.9, causes=()) == judged(0.9, unknown=0.6) == (False, frozenset({"shupe"}))
+    assert _conclusion._confirmed(explained, NO_GAP, [1], None) == (True, frozenset())
+
+
+def test_runs_made_to_confirm_are_remembered_with_the_answer_that_they_were_made_for():
+    def sought(after, acts):
+        return Sought(after, "explained", acts, 0.96, {acts: 0.96}, 1.0, 0.0, None, "")
+
+    def chosen(run, to_confirm):
+        return NextRun(run, "thermal-ramp", "", 0.3, 1.0, 9, to_confirm)
+
+    events = [
+        sought([], NO_GAP), chosen("a", False), sought(["a"], "shupe"), chosen("b", True),
+        sought(["a", "b"], "gradient"), chosen("c", True),
+    ]  # fmt: skip
+    runs = [SimpleNamespace(name=name, procedure="thermal-ramp", parameters={}) for name in "abc"]
+    now = SimpleNamespace(
+        acts="gradient", outlook=SimpleNamespace(probabilities={frozenset({"gradient"}): 1.0})
+    )
+    hunt = SimpleNamespace(steps=events, _gained=lambda now: 0.2)
+    history = Hunt._history(hunt, now, [SimpleNamespace(run=run) for run in runs])
+    assert [told.confirming for told in history] == ["", "shupe", "gradient"]
+    assert [told.gained for told in history] == [0.0, 0.0, 0.2]
 
 
 def test_an_answer_ends_the_search_when_it_was_seen_again_or_cannot_be():

@@ -48,6 +48,7 @@ class Bench:
 
     def ask(self, question, **act):
         assert act["mounting"] == "axis_up"
+        self.wait(100.0)  # the unit is on while it is mounted: that counts as warming up
 
     def step(self, code, title):
         return contextlib.nullcontext()
@@ -112,5 +113,7 @@ def test_limits_are_asked_for_what_the_run_does_and_ends_that_cross_are_refused(
     demands = PROCEDURE.demands(PROCEDURE.parse({"low_c": 30.0, "ramp_k_per_min": 7.0, "max_rate_dps": 50.0}))
     assert (demands.min_temp_c, demands.max_temp_c) == (25.0, 60.0)
     assert (demands.max_ramp_k_per_min, demands.max_rate_dps) == (7.0, 50.0)
+    demands = PROCEDURE.demands(PROCEDURE.parse({"high_c": 10.0}))
+    assert (demands.min_temp_c, demands.max_temp_c) == (-40.0, 25.0)
     with pytest.raises(ConfigurationError, match="low_c 60 degC must be below high_c 60 degC"):
         PROCEDURE.parse({"low_c": 60.0})

@@ -383,6 +383,30 @@ def test_a_rotation_turns_as_often_to_each_side_as_it_is_reversed(rate_dps, hour
     assert float(signs.sum()) == pytest.approx(0.0 if reversals else len(s), abs=1.0)
 
 
+def test_rates_in_turn_are_foretold_as_the_procedure_makes_them():
+    designs = [d for d in designs_for(load_bench_file(DEMO)) if d.procedure == "rates-over-temperature"]
+    assert len(designs) == 6  # the demo's table turns at 20 deg/s at most
+    for design in designs:
+        (s,) = design.stimuli.values()
+        p = design.test.parse(dict(design.settings))
+        assert len(s) == pytest.approx(3600.0 * design.hours, abs=2.0)
+        changes = np.flatnonzero(np.abs(np.diff(s.table_rate_dps)) > 1.0) + 1
+        # after ten minutes and the first rest each rate stays for a minute and the way to it
+        assert changes[0] == 600 + 65 and set(np.diff(changes)) == {65}
+        turn = [float(s.table_rate_dps[600 + 65 * k]) for k in range(2 * p.rates_per_sign + 2)]
+        assert turn == pytest.approx(p.rates_dps())
+        at_room_s = 600 + 65 * len(turn) * p.sequences
+        assert p.sequences == (1 if p.over_temperature else 2)
+        air_moves = np.flatnonzero(np.abs(np.diff(s.t_out_c)) > 1e-9)
+        if p.over_temperature:
+            assert air_moves[0] == pytest.approx(at_room_s, abs=2)
+            low, high = float(s.t_out_c.min()), float(s.t_out_c.max())
+            assert (low, high) == pytest.approx((p.low_c, p.high_c), abs=1.5)
+            assert s.t_out_c[-1] < high - 10.0
+        else:
+            assert len(s) == at_room_s and not len(air_moves)
+
+
 def stamped(places, usual_s=0.2):
     time_s = usual_s * np.asarray(places, np.float64)
     owner = np.floor(time_s).astype(np.int64)

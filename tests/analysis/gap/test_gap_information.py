@@ -103,3 +103,6 @@ def test_the_spread_of_the_leading_effect_itself_is_no_evidence_against_another_
     shown = np.diag([4.0, 3.0])
     alone = [foretold(0.8), foretold(0.2, sigmas=(0.0, 5.0))]
     assert expected_if(shown, both, 0) == pytest.approx(expected_if(shown, alone, 0))
+    # an explanation that foretells more narrowly gains nothing if the other is true
+    narrow = [foretold(0.8, (2.0, 0.0), (5.0, 0.0)), foretold(0.2, (2.0, 0.0))]
+    assert expected_if(shown, narrow, 0) == pytest.approx([0.8, 0.2])

@@ -139,6 +139,19 @@ def test_a_block_in_which_the_table_changed_its_rate_is_empty(tmp_path: Path) ->
     assert trace.output_block_s == 100.0
 
 
+def test_samples_between_two_readings_of_which_the_rates_differ_are_left_out(tmp_path: Path) -> None:
+    """The gyro stops half a second before the reading that shows it."""
+    folder = write_folder(tmp_path / "run-1", manifest_of())
+    gyro = pq.read_table(folder / "gyro_fog.parquet").to_pydict()
+    early = [899.5 <= 1e-9 * at < 900.0 for at in gyro["time_ns"]]
+    gyro["rate_dps"] = [
+        1e-4 if stopped else rate for stopped, rate in zip(early, gyro["rate_dps"], strict=True)
+    ]
+    pq.write_table(pa.table(gyro), folder / "gyro_fog.parquet")
+    (trace,) = run_content(Run.open(folder)).traces
+    np.testing.assert_allclose(trace.output_dph, 0.36, atol=1e-6)
+
+
 def test_where_the_rate_changes_every_minute_the_blocks_are_shorter(tmp_path: Path) -> None:
     folder = write_folder(tmp_path / "run-1", manifest_of())
     table = pq.read_table(folder / "turntable.parquet").to_pydict()
