@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from bench.analysis.gap import Design
 from drivers.base.arrays import Array
 from drivers.kit.config import Mounting
+from simulators.effects import Stimulus
 from simulators.plant import LabPlant, PlantConfig, UnitConfig
 
 _EAST_DEG = 90.0
@@ -144,19 +145,14 @@ def _rotation(p: Mapping[str, Any], design: Design) -> Programme:
 def _cycled(p: Mapping[str, Any], design: Design) -> Programme:
     """The rates as the design foretells them; the air ramps from the end of the rates at room temperature."""
     (stimulus,) = design.stimuli.values()
-    wanted = stimulus.table_rate_dps
-    changes = [0, *(np.flatnonzero(np.diff(wanted)) + 1).tolist()]
-    acts = [Act(1.0, "air", p["room_c"])]
-    acts += [Act(max(at, 1.0), "rate", float(wanted[at])) for at in changes]
+    acts = [Act(1.0, "air", p["room_c"]), *_turning(stimulus, 1.0)]
     if p["over_temperature"]:
-        at_s = len(stimulus) - 60.0 * (
-            (p["room_c"] - p["low_c"] + p["high_c"] - p["low_c"] + p["high_c"] - p["room_c"])
-            / p["ramp_k_per_min"]
-            + 2.0 * p["dwell_min"]
-        )
-        for start_c, end_c in pairwise((p["room_c"], p["low_c"], p["high_c"], p["room_c"])):
+        ways = list(pairwise((p["room_c"], p["low_c"], p["high_c"], p["room_c"])))
+        takes_s = [60.0 * (abs(end - start) / p["ramp_k_per_min"] + p["dwell_min"]) for start, end in ways]
+        at_s = len(stimulus) - sum(takes_s) + 60.0 * p["dwell_min"]  # no dwell at the end of the last
+        for (_, end_c), leg_s in zip(ways, takes_s, strict=True):
             acts.append(Act(at_s, "air", end_c, p["ramp_k_per_min"]))
-            at_s += 60.0 * (abs(end_c - start_c) / p["ramp_k_per_min"] + p["dwell_min"])
+            at_s += leg_s
     part = Part("+0", round(_MOVE_S), len(stimulus))
     return Programme("axis_up", tuple(sorted(acts, key=lambda act: act.at_s)), (part,), turns=True)
 
@@ -164,12 +160,16 @@ def _cycled(p: Mapping[str, Any], design: Design) -> Programme:
 def _rates(p: Mapping[str, Any], design: Design) -> Programme:
     """The rates as the design foretells them, after what the standard test does before."""
     (stimulus,) = design.stimuli.values()
-    wanted = stimulus.table_rate_dps
     before_s = 60.0 * (p["warm_up_min"] + p["bias_min"]) + 3600.0 * p["noise_h"]
-    changes = [0, *(np.flatnonzero(np.diff(wanted)) + 1).tolist()]
-    acts = [Act(before_s + at, "rate", float(wanted[at])) for at in changes]
     part = Part("+0", round(before_s), round(before_s) + len(stimulus))
-    return Programme("axis_up", tuple(acts), (part,), turns=True)
+    return Programme("axis_up", tuple(_turning(stimulus, before_s)), (part,), turns=True)
+
+
+def _turning(stimulus: Stimulus, start_s: float) -> list[Act]:
+    """Return the table's rates as a stretch has them, which begins at `start_s`."""
+    wanted = stimulus.table_rate_dps
+    changes = [0, *(np.flatnonzero(np.abs(np.diff(wanted)) > 1e-6) + 1).tolist()]
+    return [Act(start_s + at, "rate", float(wanted[at])) for at in changes]
 
 
 _PROGRAMMES: Mapping[str, Callable[[Mapping[str, Any], Design], Programme]] = {
