@@ -212,8 +212,8 @@ def _option(option: Any) -> str:
 
 def _kind(option: Any) -> str:
     annotation = option.type_descriptor.annotation
-    (inner,) = get_args(annotation) or (annotation,)
-    return {float: "NUMBER", int: "NUMBER", Path: "PATH"}.get(inner, "TEXT")
+    kinds = {float: "NUMBER", int: "NUMBER", Path: "PATH"}
+    return " ".join(kinds.get(inner, "TEXT") for inner in get_args(annotation) or (annotation,))
 
 
 def _default(part: Any) -> str:

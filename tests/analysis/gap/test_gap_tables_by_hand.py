@@ -311,6 +311,13 @@ def test_a_benchs_grid_has_depths_soaks_rates_and_lengths():
     ]
     # sequences stands where the usual short test has it
     grid += [("standard-test", *(SHORT | {"sequences": n}).values(), 20.0, k) for k, n in ((6, 2), (3, 1))]
+    # one sequence at room temperature and on over temperature, or two at room temperature alone
+    ramps = [(1.0, 10.0, 1), (3.0, 10.0, 1), (3.0, 30.0, 3), (10.0, 30.0, 1)]
+    grid += [
+        ("rates-over-temperature", 20.0, each, 60.0, 1, 10.0, -40.0, 60.0, rate, dwell)
+        for rate, dwell, each in ramps
+    ]
+    grid += [("rates-over-temperature", 20.0, each, 60.0, 2, 10.0, False) for each in (3, 6)]
     file = load_bench_file(DEMO)
     found = [(each.procedure, *each.settings.values()) for each in designs_for(file)]
     assert sorted(found) == sorted(grid)

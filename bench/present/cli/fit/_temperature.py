@@ -109,9 +109,10 @@ def stepwise(
     p_remove: Annotated[float, Option(help="p above which a variable leaves")] = 0.10,
     as_json: Json = False,
 ) -> None:
-    """Fit a ring-laser gyro's bias over temperature by stepwise regression and by a smooth form.
+    """Fit a ring-laser gyro's bias over temperature.
 
-    What goes into the file is chosen by leaving each fitted run out, and judged on the test runs.
+    By stepwise regression and by a smooth form; what goes into the file is chosen by leaving each fitted run out,
+    and judged on the test runs.
 
     A folder for each unit with compensation and report; of several units a page that has them all.
     """
