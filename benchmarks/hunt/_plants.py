@@ -44,6 +44,8 @@ from simulators.plant.modelled_unit import ModelledErrors
 
 ROOT = Path(__file__).parents[2]
 NOMINAL = ROOT / "examples" / "nominal" / "fog_on_its_bench.toml"
+FASTEST_DPS = 20.0
+"""Of the bench's table."""
 _SAMPLE_S = 0.1
 _TURNING_STEP_S = 0.2
 _ENCODER_ARCSEC = 0.5
@@ -90,10 +92,15 @@ class HuntPlant(Protocol):
 def bench_at(latitude_deg: float | None = None) -> BenchFile:
     """Return the bench of the demo with its one fibre-optic gyro, at a family's latitude."""
     file = load_bench_file(ROOT / "examples" / "demo.toml")
-    limits = file.limits.model_copy(update={"max_rate_dps": 100.0, "max_temp_c": 85.0})
+    limits = file.limits.model_copy(update={"max_rate_dps": FASTEST_DPS, "max_temp_c": 85.0})
     own = file.bench.latitude_deg if latitude_deg is None else latitude_deg
     bench = file.bench.model_copy(update={"latitude_deg": own})
     return file.model_copy(update={"limits": limits, "gyro": file.gyro[:1], "bench": bench})
+
+
+def standard_tests(latitude_deg: float) -> list[Design]:
+    """Return the standard tests on the bench's table."""
+    return usual_designs(latitude_deg, fastest_dps=FASTEST_DPS)
 
 
 def executable(effect: object) -> bool:
@@ -114,7 +121,7 @@ class FibreOptic:
         self.file = bench_at()
         self.model = read_model(NOMINAL)
         self.designs = designs_for(self.file)
-        self._energies = outlook(None, self.model, [], usual_designs(self.file.bench.latitude_deg)).energies
+        self._energies = outlook(None, self.model, [], standard_tests(self.file.bench.latitude_deg)).energies
         self._effects = {name: each for name, each in effects_beside(self.model).items() if executable(each)}
 
     @property
@@ -217,7 +224,7 @@ class OfExam:
     def _shows(self) -> list[list[tuple[Stage, Array]]]:
         """The stages of the runs that show most, with the nominal columns of each: for the sizes."""
         found = []
-        for design in usual_designs(self.family.latitude_deg):
+        for design in standard_tests(self.family.latitude_deg):
             stages = self._staged(design, self._unit(0), 0, 0)[1]
             rates = [stage.in_rows(sensed_dph(stage, self.family.latitude_deg)) for stage in stages]
             found.append(

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from bench.analysis.gap import Design, suggest
-from bench.analysis.gap._designs import usual_designs
 from bench.campaign.hunt import BUDGET, DECIDED, Conclusion, Told, next_choice
 from benchmarks.gap_exam._signals import drawn
+from benchmarks.hunt import _plants
 from benchmarks.hunt._plants import HuntPlant
 
 SEARCH, FIXED, RANDOM, SUGGESTED = "search", "fixed", "random", "suggested"
@@ -95,13 +95,14 @@ class Suggested(Other):
 
     def wanted(self, now: Conclusion) -> Sequence[Design]:
         found = suggest(now.diagnosis) if now.diagnosis is not None else []
-        return [self._tests[each.procedure, each.parameters] for each in found] or self._fixed.wanted(now)
+        known = [self._tests.get((each.procedure, each.parameters)) for each in found]
+        return [each for each in known if each is not None] or self._fixed.wanted(now)
 
 
 def standard_tests(plant: HuntPlant) -> list[Design]:
     """Return the standard tests at a family's latitude."""
     latitude_deg = next(iter(plant.designs[0].stimuli.values())).latitude_deg
-    return usual_designs(latitude_deg)
+    return _plants.standard_tests(latitude_deg)
 
 
 def strategy_of(name: str, plant: HuntPlant, seed: int, order: Sequence[str]) -> Strategy:

@@ -30,8 +30,8 @@ _SHOCK_C = -45.0
 _COLD_C, _HOT_C, _FASTEST_DPS = -40.0, 60.0, 100.0
 """How far ramps and rates go where the bench's limits allow it."""
 _USUAL_DPS = 20.0
-"""Shocks are made at no higher rate: on the emulated bench hours at 100 deg/s, where the polled angle is coarsest
-for what the gyro resolves, showed as a gap in a unit without one."""
+"""Shocks and rates over temperature are made at no higher rate: on the emulated bench 100 deg/s, where the polled
+angle is coarsest for what the gyro resolves, showed as a gap of some ppm in a unit without one."""
 _SOAKS = ((20.0, 10.0), (75.0, 30.0))
 """Minutes of soak and of reference of a shock: short and usual."""
 _CYCLED = ((1.0, 10.0, 1), (3.0, 10.0, 1), (3.0, 30.0, 3), (10.0, 30.0, 1))
@@ -94,14 +94,14 @@ def key_of(procedure: str, settings: Mapping[str, object]) -> str:
     return json.dumps([procedure, dict(settings)], sort_keys=True)
 
 
-def usual_designs(latitude_deg: float, axis: str = "x") -> list[Design]:
+def usual_designs(latitude_deg: float, axis: str = "x", fastest_dps: float = _FASTEST_DPS) -> list[Design]:
     """Return the bench's procedures with their usual parameters; `axis`: the one under test."""
     return [
         _zero_bias(latitude_deg, soak_min=75.0, hold_min=30.0),
         _scale_factor(latitude_deg, rate_dps=20.0, soak_min=75.0, hold_min=30.0),
         _ramp(latitude_deg, -40.0, 60.0, 1.0 / 3.0, dwell_min=30.0),
         _rotation(latitude_deg, 20.0, hours=2.0, reversals=0, axis=axis),
-        _rates(latitude_deg, 100.0, per_sign=11),
+        _rates(latitude_deg, fastest_dps, per_sign=11),
     ]
 
 
@@ -115,7 +115,7 @@ def designs_for(file: BenchFile, axis: Literal["x", "y", "z"] | None = None) -> 
     rates = sorted({min(_USUAL_DPS, fastest), fastest})
     low_c, high_c = max(_COLD_C, limits.min_temp_c), min(_HOT_C, limits.max_temp_c)
     grid = (
-        *usual_designs(latitude, str(axis)),
+        *usual_designs(latitude, str(axis), fastest),
         *(_zero_bias(latitude, soak, hold) for soak, hold in _SOAKS),
         *(_scale_factor(latitude, rates[0], soak, hold) for soak, hold in _SOAKS),
         *(_ramp(latitude, low_c, high_c, rate, dwell_min=10.0, short=True) for rate in (1.0 / 3.0, 1.0, 3.0)),
@@ -126,7 +126,7 @@ def designs_for(file: BenchFile, axis: Literal["x", "y", "z"] | None = None) -> 
         *(_rates(latitude, most, per_sign=6) for most in rates),
         _rates(latitude, fastest, per_sign=3, sequences=1),
         *(_cycled(latitude, rates[0], low_c, high_c, *profile) for profile in _CYCLED),
-        *(_cycled(latitude, most, per_sign=each) for most in rates for each in (3, 6)),
+        *(_cycled(latitude, rates[0], per_sign=each) for each in (3, 6)),
     )
     own = {each.key: each for each in grid}
     return [each for each in own.values() if not any(beyond_limits(_demands(each), file))]

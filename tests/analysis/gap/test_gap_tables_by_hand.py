@@ -310,7 +310,9 @@ def test_a_benchs_grid_has_depths_soaks_rates_and_lengths():
         for reversals in (0, 3)
     ]
     # sequences stands where the usual short test has it
-    grid += [("standard-test", *(SHORT | {"sequences": n}).values(), 20.0, k) for k, n in ((6, 2), (3, 1))]
+    grid += [
+        ("standard-test", *(SHORT | {"sequences": n}).values(), 20.0, k) for k, n in ((11, 2), (6, 2), (3, 1))
+    ]
     # one sequence at room temperature and on over temperature, or two at room temperature alone
     ramps = [(1.0, 10.0, 1), (3.0, 10.0, 1), (3.0, 30.0, 3), (10.0, 30.0, 1)]
     grid += [
