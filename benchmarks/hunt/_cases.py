@@ -59,7 +59,7 @@ def drawn_case(plant: HuntPlant, number: int, seed: int) -> Case:
         if len(gap) == wanted:
             break
         sigmas = math.exp(rng.uniform(math.log(LEAST_SIGMA), math.log(MOST_SIGMA)))
-        sign = float(rng.choice((-1.0, 1.0)))
+        sign = float(rng.choice((-1.0, 1.0))) if plant.signed(name) else 1.0
         size = plant.size(name, sigmas, own_seed)
         if size and not _same(plant, name, gap):
             gap[name] = sign * size

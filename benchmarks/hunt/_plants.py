@@ -85,6 +85,9 @@ class HuntPlant(Protocol):
         0 for one that no run of this bench shows.
         """
 
+    def signed(self, effect: str) -> bool:
+        """Return whether an effect may be of either sign."""
+
     def recorded(self, design: Design, gap: Gap, seed: int, number: int) -> Recordings:
         """Return what run `number` of the unit of a seed records."""
 
@@ -135,6 +138,9 @@ class FibreOptic:
         wanted = sigmas / math.sqrt(self._energies[effect])
         low, high = self._effects[effect].parameters[0].bounds(self.model.noise.coarseness)
         return min(max(wanted, low), high)
+
+    def signed(self, effect: str) -> bool:
+        return self._effects[effect].parameters[0].low < 0.0
 
     def term(self, effect: str, size: float) -> Term:
         """Return an effect in its usual form, its first parameter of some size."""
@@ -265,6 +271,9 @@ class OfExam:
                 parts.append(Part(own[None], nominal, stage.valid))
             best = max(best, deflection(parts, noise))
         return sigmas / best if best > 1e-9 else 0.0
+
+    def signed(self, effect: str) -> bool:
+        return self.family.effects[effect].signed
 
     def recorded(self, design: Design, gap: Gap, seed: int, number: int) -> Recordings:
         unit = self._unit(seed)

@@ -1,5 +1,6 @@
 """The benchmark of searches: cases, programmes, journal, marks and tables, without a search."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -34,6 +35,17 @@ def test_a_case_is_the_same_however_often_it_is_drawn(plants):
     assert set(first[3].gap) <= set(plants["ring_laser"].foreign)
     # what the catalogue has is searched for where nothing else is there
     assert drawn_case(plants["fibre_optic"], 3, 3).kind == "single"
+
+
+def test_an_effect_of_one_sign_is_never_of_the_other(plants):
+    """A dead zone that adds rate is none: the lab's plant refuses it."""
+    fibre, ring = plants["fibre_optic"], plants["ring_laser"]
+    assert not fibre.signed("dead_zone") and not fibre.signed("saturation") and fibre.signed("gradient")
+    assert ring.signed("bias_curve") is ring.family.effects["bias_curve"].signed
+    cases = [drawn_case(fibre, number, seed) for seed in range(5) for number in (0, 2, 3, 4, 6)]
+    sizes = [size for case in cases for name, size in case.gap.items() if not fibre.signed(name)]
+    assert sizes and min(sizes) > 0.0
+    assert {math.copysign(1.0, size) for case in cases for size in case.gap.values()} == {-1.0, 1.0}
 
 
 def test_an_effect_has_the_size_that_was_asked_for_and_the_axis_of_the_bench_hides_some(plants):
