@@ -13,6 +13,7 @@ from pydantic import model_validator
 
 from bench.control.procedure import Demands, Parameters, Procedure, parameter
 from bench.control.session import Bench
+from procedures._mounting import begin_axis_up
 from procedures.thermal_ramp import go_to_end
 
 _SETTLING_S = 5.0
@@ -61,15 +62,7 @@ def run(bench: Bench, p: RatesOverTemperatureParameters) -> None:
     """Run the test."""
     with bench.step("1", "Axis up, power on, acquire"):
         bench.phase("warm_up")
-        bench.ask(
-            f"{bench.table.mounting_text}Mount the units with the sensitive axis of {bench.judge.name} up along "
-            "the table's axis and the cable through the slip ring. Close the chamber. Ready?",
-            act="mount",
-            mounting="axis_up",
-        )
-        bench.table.engage()
-        bench.chamber.go_to(p.room_c)
-        bench.chamber.start()
+        begin_axis_up(bench, p.room_c)
         bench.wait(60.0 * p.warm_up_min - bench.now_s, "warming up")
 
     in_turn = cycle(p.rates_dps())

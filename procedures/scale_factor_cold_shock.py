@@ -16,6 +16,7 @@ from procedures._cold_shock import (
     shock,
     wait_for_equilibrium,
 )
+from procedures._mounting import begin_axis_up
 
 
 class ScaleFactorParameters(ColdShockParameters):
@@ -32,15 +33,7 @@ def run(bench: Bench, p: ScaleFactorParameters) -> None:
     """Run the test."""
     with bench.step("S121", "Axis vertical, power on, acquire"):
         bench.phase("warm_up")
-        bench.ask(
-            f"{bench.table.mounting_text}Mount the units with the sensitive axis of {bench.judge.name} up along "
-            "the table's axis and the cable through the slip ring. Close the chamber. Ready?",
-            act="mount",
-            mounting="axis_up",
-        )
-        bench.table.engage()
-        bench.chamber.go_to(p.room_c)
-        bench.chamber.start()
+        begin_axis_up(bench, p.room_c)
 
     for repeat in range(1, p.repeats + 1):
         for code, sense in _SECTIONS:

@@ -40,7 +40,6 @@ from bench.record.benchfile import BenchFile
 from bench.record.events.campaign import NextRun, Sought
 from drivers.base.errors import ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, parse_json, read_bounded, replace_file
-from drivers.kit.config import GyroConfig
 
 __all__ = [
     "BUDGET",
@@ -94,7 +93,7 @@ def begin_hunt(
     ConfigurationError for a folder that is not empty, a model that cannot be read, a budget in which no run fits.
     """
     refuse_used(path)
-    gyro = _gyro_of(file, settings.gyro)
+    gyro = file.gyro_named(settings.gyro)
     nominal = gap.read_model(model_file)
     designs = gap.designs_for(file, gyro.axis)
     shortest = min((design.hours for design in designs), default=math.inf)
@@ -144,7 +143,7 @@ class Hunt:
                 found=str(error),
                 expected=f"{HUNT_FILE} and {MODEL_FILE} as `gyrobench gap hunt` writes them",
             ) from error
-        self.gyro = _gyro_of(folder.file, self.settings.gyro)
+        self.gyro = folder.file.gyro_named(self.settings.gyro)
         self.diagnosis: Diagnosis | None = None
         """What the newest look at the runs found."""
         self.outlook: Outlook | None = None
@@ -285,15 +284,3 @@ def _usable(design: Design, done: Sequence[RunState]) -> bool:
 def _run_of(design: Design, number: int) -> CampaignRun:
     name = f"{number:02d}-{design.procedure}"
     return CampaignRun(name=name, procedure=design.procedure, parameters=dict(design.settings))
-
-
-def _gyro_of(file: BenchFile, name: str | None) -> GyroConfig:
-    for gyro in file.gyro:
-        if name in (None, gyro.name):
-            return gyro
-    raise ConfigurationError(
-        "the bench has no such gyro",
-        where=file.bench.name,
-        found=str(name),
-        expected=", ".join(gyro.name for gyro in file.gyro) or "at least one [[gyro]]",
-    )

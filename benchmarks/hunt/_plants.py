@@ -101,7 +101,7 @@ def bench_at(latitude_deg: float | None = None) -> BenchFile:
     return file.model_copy(update={"limits": limits, "gyro": file.gyro[:1], "bench": bench})
 
 
-def standard_tests(latitude_deg: float) -> list[Design]:
+def tests_at(latitude_deg: float) -> list[Design]:
     """Return the standard tests on the bench's table."""
     return usual_designs(latitude_deg, fastest_dps=FASTEST_DPS)
 
@@ -124,7 +124,7 @@ class FibreOptic:
         self.file = bench_at()
         self.model = read_model(NOMINAL)
         self.designs = designs_for(self.file)
-        self._energies = outlook(None, self.model, [], standard_tests(self.file.bench.latitude_deg)).energies
+        self._energies = outlook(None, self.model, [], tests_at(self.file.bench.latitude_deg)).energies
         self._effects = {name: each for name, each in effects_beside(self.model).items() if executable(each)}
 
     @property
@@ -230,7 +230,7 @@ class OfExam:
     def _shows(self) -> list[list[tuple[Stage, Array]]]:
         """The stages of the runs that show most, with the nominal columns of each: for the sizes."""
         found = []
-        for design in standard_tests(self.family.latitude_deg):
+        for design in tests_at(self.family.latitude_deg):
             stages = self._staged(design, self._unit(0), 0, 0)[1]
             rates = [stage.in_rows(sensed_dph(stage, self.family.latitude_deg)) for stage in stages]
             found.append(

@@ -13,8 +13,7 @@ from typing import Protocol
 from bench.analysis.gap import Design, suggest
 from bench.campaign.hunt import BUDGET, DECIDED, Conclusion, Told, next_choice
 from benchmarks.gap_exam._signals import drawn
-from benchmarks.hunt import _plants
-from benchmarks.hunt._plants import HuntPlant
+from benchmarks.hunt._plants import HuntPlant, tests_at
 
 SEARCH, FIXED, RANDOM, SUGGESTED = "search", "fixed", "random", "suggested"
 STRATEGIES = (SEARCH, FIXED, RANDOM, SUGGESTED)
@@ -102,7 +101,7 @@ class Suggested(Other):
 def standard_tests(plant: HuntPlant) -> list[Design]:
     """Return the standard tests at a family's latitude."""
     latitude_deg = next(iter(plant.designs[0].stimuli.values())).latitude_deg
-    return _plants.standard_tests(latitude_deg)
+    return tests_at(latitude_deg)
 
 
 def strategy_of(name: str, plant: HuntPlant, seed: int, order: Sequence[str]) -> Strategy:

@@ -319,3 +319,9 @@ def test_every_kind_of_the_table_is_on_the_base() -> None:
     found = {type(load_compensation(path)): path for path in OLD.iterdir()}
     assert all(issubclass(kind, FittedCompensation) for kind in found)
     assert {kind.KIND for kind in found} == set(KINDS)
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path) -> None:
+    with pytest.raises(ConfigurationError, match="no such compensation file") as told:
+        load_compensation(tmp_path / "none.gyrocomp")
+    assert "none.gyrocomp" in str(told.value)

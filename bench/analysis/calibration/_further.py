@@ -22,6 +22,9 @@ from drivers.base.errors import ConfigurationError
 _CHANGED = 4.0
 """Standard deviations between two runs from which a parameter is called changed: by chance in 1 of 700 pairs."""
 
+_UNSEEN = 1e-9
+"""Part of the prior sigma below which a difference is rounding: neither run has seen the parameter."""
+
 
 def after(task: Task, made: Sequence[Schedule | ImuCompensation]) -> Task:
     """Return the task of a further run after some: runs by schedules, as expected of them, or as calibrated.
@@ -64,7 +67,8 @@ def changes(found: Estimate, task: Task, earlier: ImuCompensation) -> tuple[str,
     seen, seen_before = found.covariance @ own, earlier.covariance @ old
     apart = seen - seen_before
     spread = seen @ found.covariance + seen_before @ earlier.covariance + apart @ prior @ apart.T
-    off = (found.parameters - earlier.parameters) / np.sqrt(np.diag(spread))
+    seen_at_all = np.maximum(np.diag(spread), (_UNSEEN * scale) ** 2)
+    off = (found.parameters - earlier.parameters) / np.sqrt(seen_at_all)
     runs = ", ".join(earlier.runs) or earlier.scheme
     return tuple(
         f"{PARAMETER_NAMES[at]} changed since {runs} by {abs(off[at]):.1f} standard deviations: "

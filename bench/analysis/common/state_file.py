@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from drivers.base.arrays import ARCHIVE_DAMAGE, array_of, read_archive
-from drivers.base.errors import RecordError
+from drivers.base.errors import ConfigurationError, RecordError
 from drivers.base.files import parse_json, replace_file
 
 JSON_ENTRY = "compensation.json"
@@ -85,14 +85,19 @@ def saved_together(folder: Path, *others: str) -> Iterator[Path]:
 
 
 def read_state(path: Path) -> dict[str, Any]:
-    """Read what `write_state` wrote; RecordError for a file that is not one or is damaged."""
+    """Read what `write_state` wrote; RecordError for a damaged file or another, ConfigurationError for none."""
     try:
         content = read_archive(path)
         state = parse_json(content.pop(JSON_ENTRY))
         arrays = {name: array_of(data) for name, data in content.items()}
         restored: dict[str, Any] = _with_arrays(state, arrays)
-    except FileNotFoundError:
-        raise
+    except FileNotFoundError as error:
+        raise ConfigurationError(
+            "there is no such compensation file",
+            where=str(path),
+            found="nothing",
+            expected="a file that `gyrobench fit` wrote, as compensation.gyrocomp",
+        ) from error
     except ARCHIVE_DAMAGE as error:
         raise unreadable(path, f"{type(error).__name__}: {error}") from error
     return restored

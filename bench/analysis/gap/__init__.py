@@ -9,13 +9,14 @@ from bench.analysis.gap._exam_folder import hold_exam, read_exam
 from bench.analysis.gap._facts import (
     batch_facts,
     diagnosis_facts,
+    foretold_facts,
     identifiable_facts,
     log_gap_facts,
-    sharpened_facts,
 )
 from bench.analysis.gap._fast import FastFinding
 from bench.analysis.gap._fast_lines import FastLine
 from bench.analysis.gap._findings import Cause, Finding, Place, Shrinkage
+from bench.analysis.gap._foretell import ForetoldSigmas, foretell
 from bench.analysis.gap._identify import Identifiable, identifiable
 from bench.analysis.gap._learn import Learned
 from bench.analysis.gap._missing import write_missing_fmu
@@ -28,7 +29,6 @@ from bench.analysis.gap._recordings import Recordings, read_batch, read_recordin
 from bench.analysis.gap._rehearsal import LogCurve, LogGap, LogGaps, log_gaps
 from bench.analysis.gap._score import Exam, Marked
 from bench.analysis.gap._series import Difference, differences, write_missing
-from bench.analysis.gap._sharpen import Sharpened, sharpened
 from bench.analysis.gap._simulation import Simulation, take_own
 from bench.analysis.gap._suggest import Suggestion, suggest
 
@@ -46,6 +46,7 @@ __all__ = [
     "FastFinding",
     "FastLine",
     "Finding",
+    "ForetoldSigmas",
     "Identifiable",
     "Learned",
     "LogCurve",
@@ -59,7 +60,6 @@ __all__ = [
     "PositionFinding",
     "RateFinding",
     "Recordings",
-    "Sharpened",
     "Shrinkage",
     "Simulation",
     "Suggestion",
@@ -72,6 +72,8 @@ __all__ = [
     "diagnose_batch",
     "diagnosis_facts",
     "differences",
+    "foretell",
+    "foretold_facts",
     "hold_exam",
     "identifiable",
     "identifiable_facts",
@@ -87,8 +89,6 @@ __all__ = [
     "read_exam",
     "read_model",
     "read_recordings",
-    "sharpened",
-    "sharpened_facts",
     "suggest",
     "take_own",
     "write_missing",

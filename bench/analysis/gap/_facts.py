@@ -11,13 +11,13 @@ from bench.analysis.gap._channels import ChannelFinding
 from bench.analysis.gap._diagnose import Diagnosis
 from bench.analysis.gap._fast import FastFinding
 from bench.analysis.gap._findings import Cause, Place, Shrinkage
+from bench.analysis.gap._foretell import ForetoldSigmas
 from bench.analysis.gap._identify import Identifiable
 from bench.analysis.gap._learn import Learned
 from bench.analysis.gap._model_file import AnyTerm, Term, by_parameter
 from bench.analysis.gap._position import PositionFinding
 from bench.analysis.gap._rate import RateFinding
 from bench.analysis.gap._rehearsal import LogGaps
-from bench.analysis.gap._sharpen import Sharpened
 from bench.analysis.gap._suggest import Suggestion
 
 _SHARE = {"share": "share", "low": "low", "high": "high"}
@@ -69,7 +69,7 @@ def identifiable_facts(found: Sequence[Identifiable]) -> dict[str, Any]:
     return {"effects": [_finite(vars(effect)) for effect in found]}
 
 
-def sharpened_facts(found: Sequence[Sharpened]) -> dict[str, Any]:
+def foretold_facts(found: Sequence[ForetoldSigmas]) -> dict[str, Any]:
     """Return how well parameters are known, now and after each run, as JSON values."""
     now, *after = found
     runs = [

@@ -1,7 +1,8 @@
 """Reports: a file each with a function that makes a `Page` of a result; `write_report` makes HTML of any page."""
 
 from bench.present.report._atml import write_atml
-from bench.present.report._calibration import CalibrationContent, calibration_page
+from bench.present.report._calibration import calibration_page
+from bench.present.report._calibration_content import CalibrationContent
 from bench.present.report._campaign import write_study
 from bench.present.report._certificate import CertificateContent
 from bench.present.report._certificate_of_runs import (

@@ -24,6 +24,7 @@ from pydantic import (
 from bench.record.benchfile._calibration import Calibration
 from bench.record.shown import Shown
 from drivers.base.constants import earth_rate_north_dph
+from drivers.base.errors import ConfigurationError
 from drivers.kit.config import (
     ChamberConfig,
     DeviceConfig,
@@ -312,6 +313,14 @@ class BenchFile(Shown, Section):
             | {device.name: device.port for device in devices}
         )
 
-    def gyro_named(self, name: str) -> GyroConfig:
-        """Return the gyro of that name; raises KeyError."""
-        return {gyro.name: gyro for gyro in self.gyro}[name]
+    def gyro_named(self, name: str | None) -> GyroConfig:
+        """Return the gyro of that name, the first for None; ConfigurationError if there is none."""
+        for gyro in self.gyro:
+            if name in (None, gyro.name):
+                return gyro
+        raise ConfigurationError(
+            "the bench has no such gyro",
+            where=self.bench.name,
+            found=str(name),
+            expected=", ".join(gyro.name for gyro in self.gyro) or "at least one [[gyro]]",
+        )

@@ -1,4 +1,4 @@
-"""`gyrobench gap sharpen`: which run of a bench makes parameters known best, hour for hour."""
+"""`gyrobench gap foretell`: which run of a bench makes parameters known best, hour for hour."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bench.present.cli._console import Terminal
 _SHOWN = 8
 
 
-def sharpen(
+def foretell(
     effects: Annotated[
         str, Option("--of", help="effects whose parameters should be known better, separated by commas")
     ],
@@ -37,11 +37,11 @@ def sharpen(
     console = Terminal()
     with console.status("foretelling runs"):
         recorded = gap.read_recordings(runs, (), gyro).shown if runs else []
-        axis = next((each.axis for each in file.gyro if gyro in (None, each.name)), None)
+        axis = file.gyro_named(gyro).axis
         names = [name.strip() for name in effects.split(",") if name.strip()]
-        now, *after = gap.sharpened(nominal, names, recorded, gap.designs_for(file, axis))
+        now, *after = gap.foretell(nominal, names, recorded, gap.designs_for(file, axis))
     if as_json:
-        console.print_json(data=gap.sharpened_facts([now, *after]))
+        console.print_json(data=gap.foretold_facts([now, *after]))
         return
     heads = ("run", "hours", "hours as good", *(f"{key}, {unit}" for key, unit in now.units.items()))
     rows = [("now", "", "", *(f"{sigma:.2g}" for sigma in now.sigmas.values()))]

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.analysis.gap import designs_for, diagnose, parse_model, read_model, sharpened
+from bench.analysis.gap import designs_for, diagnose, foretell, parse_model, read_model
 from bench.analysis.gap._outlook import usual_variant
-from bench.present.cli.gap._sharpen import sharpen
+from bench.present.cli.gap import _foretell as command
 from bench.record.benchfile import load_bench_file
 from drivers.base.errors import ConfigurationError
 from simulators.effects import catalogue
@@ -63,7 +63,7 @@ def by_hand(runs, model, names):
 
 def test_sigmas_are_those_of_least_squares(designs):
     model = parse_model(WHITE, "white")
-    now, *after = sharpened(model, OF, [], designs)
+    now, *after = foretell(model, OF, [], designs)
     assert now.design is None and list(now.sigmas.values()) == [500.0, 5e4]
     assert now.units[QUADRATIC] == "ppm/(50K)^2"
     for each in after:
@@ -75,13 +75,13 @@ def test_sigmas_are_those_of_least_squares(designs):
 
 
 def test_runs_come_by_the_hours_that_make_them_as_good_as_the_best(designs):
-    _, *after = sharpened(parse_model(WHITE, "white"), OF, [], designs)
+    _, *after = foretell(parse_model(WHITE, "white"), OF, [], designs)
     best = min(after, key=lambda each: each.hours / each.design.hours)
     assert best.hours == pytest.approx(best.design.hours, rel=1e-9)
     assert [each.hours for each in after] == sorted(each.hours for each in after)
     assert after[0].design.procedure == "rates-over-temperature" and after[0].hours < 0.7 * best.hours
     # one parameter alone: its variance times the hours
-    _, *single = sharpened(parse_model(WHITE, "white"), OF[:1], [], designs)
+    _, *single = foretell(parse_model(WHITE, "white"), OF[:1], [], designs)
     sharpest = min(each.sigmas[KEY] for each in single)
     for each in single:
         assert each.hours == pytest.approx(each.design.hours * (each.sigmas[KEY] / sharpest) ** 2, rel=1e-6)
@@ -91,7 +91,7 @@ def test_what_a_run_is_foretold_to_give_a_diagnosis_of_it_gives(designs):
     """A ramp with rates of a unit whose scale factor bends; the run once more has half the variance."""
     model, effect = parse_model(WHITE, "white"), catalogue()["scale_factor_quadratic"]
     design = next(each for each in designs if "10 K/min" in each.text)
-    (foretold,) = (each for each in sharpened(model, OF[1:], [], [design]) if each.design)
+    (foretold,) = (each for each in foretell(model, OF[1:], [], [design]) if each.design)
     (bare,) = design.runs()
     noise = SIGMA_DPH * np.random.default_rng(4).standard_normal(len(bare.stimulus))
     bent = bare.stimulus.input_rate_dph + 300.0 * effect.variants()[0].columns(bare.stimulus)[0] + noise
@@ -101,19 +101,21 @@ def test_what_a_run_is_foretold_to_give_a_diagnosis_of_it_gives(designs):
     (term,) = cause.terms
     (sigma,) = foretold.sigmas.values()
     assert term.values[0] == pytest.approx(300.0, abs=4.0 * sigma)
-    _, again = sharpened(model, OF[1:], [run], [design])
+    _, again = foretell(model, OF[1:], [run], [design])
     assert again.sigmas[QUADRATIC] == pytest.approx(sigma / math.sqrt(2.0), rel=0.05)
 
 
 def test_the_command_and_what_it_refuses(capsys):
-    sharpen("scale_factor_temperature", ON_ITS_BENCH, bench=BENCH, as_json=True)
+    command.foretell("scale_factor_temperature", ON_ITS_BENCH, bench=BENCH, as_json=True)
     printed = json.loads(capsys.readouterr().out)
     assert printed["sigma"] == {KEY: 2.0} and printed["units"] == {KEY: "ppm/K"}
     assert printed["runs"][0]["sigma"][KEY] < 0.01 and printed["runs"][0]["settings"]
-    sharpen("scale_factor_temperature", ON_ITS_BENCH, bench=BENCH)
+    command.foretell("scale_factor_temperature", ON_ITS_BENCH, bench=BENCH)
     assert "1 sigma of each parameter" in capsys.readouterr().out
+    with pytest.raises(ConfigurationError, match="no such gyro"):
+        command.foretell("scale_factor_temperature", ON_ITS_BENCH, bench=BENCH, gyro="fog_9")
     model = read_model(ON_ITS_BENCH)
     with pytest.raises(ConfigurationError, match=r"no such effect\. Found: sf_temp"):
-        sharpened(model, ["sf_temp"], [], [])
+        foretell(model, ["sf_temp"], [], [])
     with pytest.raises(ConfigurationError, match="no effect whose parameters"):
-        sharpened(model, [], [], [])
+        foretell(model, [], [], [])

@@ -26,7 +26,7 @@ from simulators.effects import Parameter, Variant
 
 
 @dataclass(frozen=True)
-class Sharpened:
+class ForetoldSigmas:
     """How well parameters are known: `sigmas` by "effect.parameter", each in its unit; `units` likewise.
 
     After a run of `design`; None before any. `hours`: of so many repeats of it as make them known as well as the
@@ -39,9 +39,9 @@ class Sharpened:
     hours: float = math.nan
 
 
-def sharpened(
+def foretell(
     model: Model, names: Sequence[str], recorded: Sequence[GapRun], designs: Sequence[Design]
-) -> list[Sharpened]:
+) -> list[ForetoldSigmas]:
     """Return how well the parameters of some effects are known, then the runs, those that take least hours first.
 
     An effect of the model is known as well as the model says, another as its bounds; `recorded` are runs that
@@ -69,11 +69,11 @@ def sharpened(
     best = max(volumes, default=0.0)
     hours = [design.hours * math.exp(best - own) for design, own in zip(designs, volumes, strict=True)]
     after = [
-        _sharpened(design, information, scale, parameters, needed)
+        _of_information(design, information, scale, parameters, needed)
         for design, information, needed in zip(designs, then, hours, strict=True)
     ]
     after.sort(key=lambda each: each.hours)
-    return [_sharpened(None, known, scale, parameters, math.nan), *after]
+    return [_of_information(None, known, scale, parameters, math.nan), *after]
 
 
 def _asked(model: Model, names: Sequence[str]) -> tuple[dict[str, Variant], dict[str, tuple[float, ...]]]:
@@ -98,14 +98,14 @@ def _asked(model: Model, names: Sequence[str]) -> tuple[dict[str, Variant], dict
     return variants, prior
 
 
-def _sharpened(
+def _of_information(
     design: Design | None,
     information: Array,
     scale: Array,
     parameters: Sequence[tuple[str, Parameter]],
     hours: float,
-) -> Sharpened:
+) -> ForetoldSigmas:
     sigmas = scale * np.sqrt(np.diag(np.linalg.inv(information)))
     keys = [f"{name}.{parameter.name}" for name, parameter in parameters]
     units = {key: parameter.unit.symbol for key, (_, parameter) in zip(keys, parameters, strict=True)}
-    return Sharpened(design, dict(zip(keys, sigmas.tolist(), strict=True)), units, hours)
+    return ForetoldSigmas(design, dict(zip(keys, sigmas.tolist(), strict=True)), units, hours)
