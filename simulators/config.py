@@ -100,13 +100,15 @@ class GyroInLab:
 class PlatformInLab:
     """A platform INS: its section of the bench file; `unit_seed` draws its physics.
 
-    `effect_dph`: rms over headings of the change of its mean drift; `north_deg`: table angle at heading 0.
+    `effect_dph`: rms over headings of the change of its mean drift; `north_deg`: table angle at heading 0;
+    `start_k`: how much warmer than in equilibrium it is at power-on.
     `modelled`: its drift is that of a model, `heading_effect` the model's values (None: it has none).
     """
 
     config: PlatformConfig
     unit_seed: int
     effect_dph: float = 1e-3
+    start_k: float = 0.0
     north_deg: float = 0.0
     modelled: bool = False
     heading_effect: list[float] | None = None

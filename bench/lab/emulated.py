@@ -54,6 +54,8 @@ class Plant(BaseModel):
     """Gyro name -> how it lies at first: axis_horizontal (not named, unless an imu: z_up), axis_up or z_up."""
     heading_effect_dph: float = Field(default=1e-3, ge=0, le=1)
     """rms over headings of the change of a platform's mean drift"""
+    platform_start_k: float = Field(default=0.0, ge=-60, le=60)
+    """How much warmer than in equilibrium a platform is at power-on: negative for a cold one."""
     clock_error_ppm: dict[str, float] = Field(default_factory=dict)
     """Gyro name -> error of its sample clock, positive when it is fast; 10000 is 1 %."""
     adapter_batch_ms: dict[str, Annotated[float, Field(gt=0, le=1000)]] = Field(default_factory=dict)
@@ -320,6 +322,7 @@ def lab_config(
                 config=platform,
                 unit_seed=unit_seed(platform.unit),
                 effect_dph=plant.heading_effect_dph,
+                start_k=plant.platform_start_k,
                 modelled=platform.unit in plant.gap_model,
                 heading_effect=plant.platform_drift_of(platform.unit),
             )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_args
@@ -216,8 +216,10 @@ def _platform(platform: PlatformInLab, config: LabConfig, plant: LabPlant) -> St
     drawn = draw_platform(
         platform.unit_seed, effect_dph=platform.effect_dph, latitude_deg=config.latitude_deg
     )
+    if platform.modelled:
+        drawn = with_heading_effect(drawn, platform.heading_effect)
     physics = LabPlatform(
-        with_heading_effect(drawn, platform.heading_effect) if platform.modelled else drawn,
+        replace(drawn, start_k=platform.start_k),
         config.seed,
         heading_deg,
         longitude_deg=platform.config.longitude_deg,
