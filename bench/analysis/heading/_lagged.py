@@ -42,7 +42,7 @@ LEAST_STAY_S = 2.0 * 3600.0
 _LOG_RANGE = math.log(TAU_RANGE_S[1] / TAU_RANGE_S[0])
 _MIDDLE = 0.5 * math.log(TAU_RANGE_S[0] * TAU_RANGE_S[1])
 _GRID = 12
-_ROUNDS = 3
+_ROUNDS = 6
 _TAU_TOLERANCE = 1e-3
 _LEAST_COST_DROP = 60.0
 """Ten coefficients of noise lower the cost by 10 +- 4.5; this is far outside."""

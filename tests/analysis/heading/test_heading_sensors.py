@@ -18,8 +18,9 @@ from bench.analysis.heading import (
     load_log,
     study_heading,
 )
+from bench.analysis.heading._frames import position_error
 from bench.analysis.heading._lagged import choose_input, fit_lagged
-from bench.analysis.heading._log import Site, WarmUp
+from bench.analysis.heading._log import Site, WarmUp, stays
 from bench.analysis.heading._modulus import modulus_test
 from bench.analysis.heading._settling import TimeConstant, settling, time_constant
 from bench.present.cli.fit._motion import heading_effect
@@ -263,14 +264,46 @@ def test_a_model_of_two_sensors_runs_in_pieces_and_from_its_file(tmp_path: Path)
         HeadingCompensator(model).feed(flight.time_s, flight.sidereal_rad, flight.temp_c)
 
 
+def test_the_lag_behind_a_second_sensor_is_found() -> None:
+    """The family's own physics: the drift follows the second sensor by a lag that it draws first."""
+    log = fly_other(FAMILIES["sensor elsewhere"], 2, 10_002, CALIBRATIONS["5+1"]).log
+    drawn_h = np.random.default_rng((2, 2)).uniform(2.0, 5.0)
+    model = fit_lagged(log, second="temperature")
+    assert model.second is not None
+    assert model.second.tau_s / HOUR == pytest.approx(drawn_h, rel=0.15)
+
+
+def test_what_comes_after_a_stay_left_out_does_not_tell_of_it() -> None:
+    log = fly_other(FAMILIES["hidden gradient"], 0, 10_000, CALIBRATIONS["5+1"]).log
+    turned = stays(log)[2]
+    north, east = position_error(np.array([[40.0, -30.0, 20.0]]), log.sidereal_rad, log.latitude_deg)
+    later = np.arange(len(log.time_s)) >= turned.stop
+    moved = replace(log, north_as=log.north_as + north * later, east_as=log.east_as + east * later)
+    before, after = (choose_input(each) for each in (log, moved))
+    assert before is not None and after is not None
+    for kind, left in before.left_out_as.items():
+        # a step of 54 arcsec after the stay; with what follows fixed to it, it would show in the stay
+        assert after.left_out_as[kind][1] == pytest.approx(left[1], abs=1.0)
+
+
 def test_a_second_sensor_that_dies_is_held_and_let_go() -> None:
     flight = fly_other(FAMILIES["hidden gradient"], 0, 10_000, CALIBRATIONS["5+1"]).log
     model = fit_lagged(flight, second="temperature")
     assert flight.second_c is not None
-    dead = flight.second_c.copy()
-    dead[2000:2100] = np.nan
-    done = HeadingCompensator(model).feed(flight.time_s, flight.sidereal_rad, flight.temp_c, dead)
-    assert done.held.sum() == 100 and np.isfinite(done.phi_as).all()
+
+    def drift(missing: int) -> np.ndarray:
+        assert flight.second_c is not None
+        dead = flight.second_c.copy()
+        dead[2000 : 2000 + missing] = np.nan
+        done = HeadingCompensator(model).feed(flight.time_s, flight.sidereal_rad, flight.temp_c, dead)
+        assert done.held.sum() == missing and np.isfinite(done.phi_as).all()
+        return done.drift_dph
+
+    whole = drift(0)
+    size = float(np.abs(whole).max())
+    # for two hours, 24 samples, the last change is held; then it is let go with the lag of 1 h
+    assert np.abs(drift(24) - whole).max() < 0.1 * size
+    assert np.abs(drift(100) - whole)[2060:2100].max() > 0.2 * size
 
 
 def test_the_command_tells_sensors_and_time_constants(
