@@ -178,7 +178,7 @@ def calibrate(
         gyro_range_dps=range_dps,
     )
     estimated = estimate(run.increments, task, options, run.schedule)
-    shown = record_noise(run.increments, task, options, estimated)
+    shown = record_noise(run.increments, task, options, estimated, run.schedule)
     if not as_told:
         wander = wander or shown.wander
         options = replace(options, wander=wander)

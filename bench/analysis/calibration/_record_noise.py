@@ -24,7 +24,9 @@ from bench.analysis.calibration._estimator import (
     prior_sigma,
     rest_intervals,
 )
+from bench.analysis.calibration._expected import by_rest, disturbed_rests, expected_innovations
 from bench.analysis.calibration._navigation import Increments, Track, align, compensate, navigate
+from bench.analysis.calibration._schedule import Schedule
 from bench.analysis.common.statistics import stretches
 from drivers.base.arrays import Array
 from drivers.base.constants import UG_MPS2
@@ -51,8 +53,10 @@ class RecordNoise:
     """What a record shows of its noise. `told`: what the filter was given.
 
     `found`: from the rests; `wander`: None where the record does not ask for one; `wander_gain`: twice the gain
-    of logarithmic likelihood by the best wander tried. `correlation`: of innovations a second apart, in sigma of
-    what white ones have.
+    of logarithmic likelihood by the best wander tried. `correlation`: of innovations a second apart, in sigma
+    of what white ones have. `innovations`: rms with the noise told, rest by rest, beside `expected`, what the
+    schedule predicts with the sensors as told on a table that jitters as the rests show. `disturbed`: rests,
+    from 0, whose innovations stay too large with the noise found, and how large.
     """
 
     told: Noise
@@ -60,6 +64,15 @@ class RecordNoise:
     wander: BiasWander | None
     wander_gain: float
     correlation: float
+    innovations: tuple[float, ...] = ()
+    expected: tuple[float, ...] = ()
+    disturbed: tuple[tuple[int, float], ...] = ()
+
+    @property
+    def innovation_ratio(self) -> float:
+        """Innovations over what the schedule predicts, both rms over all rests; 1 where all is as told."""
+        square, expected = (float(np.sum(np.square(part))) for part in (self.innovations, self.expected))
+        return math.sqrt(square / expected) if expected > 0.0 else 1.0
 
     @property
     def alarms(self) -> tuple[str, ...]:
@@ -82,6 +95,17 @@ class RecordNoise:
                 f"The table moves: its velocity jitters by {1e3 * self.found.velocity_mps:.2f} mm/s, "
                 f"{1e3 * self.told.velocity_mps:.2f} was told."
             )
+        if not 1.0 / FACTOR < self.innovation_ratio < FACTOR:
+            rms, due = (
+                float(np.sqrt(np.mean(np.square(part)))) for part in (self.innovations, self.expected)
+            )
+            said.append(
+                f"Innovations have an rms of {rms:.2f} with the noise told; the schedule predicts {due:.2f} for "
+                "such sensors on this table."
+            )
+        if self.disturbed:
+            named = ", ".join(f"{number + 1} ({rms:.1f} times)" for number, rms in self.disturbed)
+            said.append(f"Rests that something disturbed, by innovations beyond their scatter: {named}.")
         if self.wander is not None:
             said.append(
                 f"The biases wander (log likelihood +{self.wander_gain / 2.0:.0f}): about "
@@ -96,8 +120,10 @@ class RecordNoise:
         return tuple(said)
 
 
-def record_noise(data: Increments, task: Task, options: Options, found: Estimate) -> RecordNoise:
-    """Return what a record shows of its noise, `found` from it with the noise of `task`.
+def record_noise(
+    data: Increments, task: Task, options: Options, found: Estimate, schedule: Schedule
+) -> RecordNoise:
+    """Return what a record of `schedule` shows of its noise, `found` from it with the noise of `task`.
 
     A wander that `options` bring is taken as it is. The likelihoods are of the noise of the rests.
     """
@@ -118,7 +144,21 @@ def record_noise(data: Increments, task: Task, options: Options, found: Estimate
         return filter_track(track, current, prior_sigma(quiet, own), quiet, own).log_likelihood
 
     wander, gain = (None, 0.0) if options.wander is not None else best_wander(likelihood)
-    return RecordNoise(task.noise, noise, wander, gain, correlation)
+    own = replace(options, wander=options.wander or wander)
+    seen = filter_track(track, current, prior_sigma(quiet, own), quiet, own).innovations
+    told = filter_track(track, current, prior_sigma(task, options), task, options).innovations
+    there = replace(task.noise, velocity_mps=noise.velocity_mps)
+    return RecordNoise(
+        task.noise,
+        noise,
+        wander,
+        gain,
+        correlation,
+        innovations=tuple(float(np.sqrt(np.mean(rest**2))) for rest in by_rest(told, resting)),
+        expected=tuple(expected_innovations(task, schedule, there).tolist()),
+        # of innovations that are correlated the scatter is not known, and another alarm says so
+        disturbed=() if abs(correlation) > _LAG_SIGMA else tuple(disturbed_rests(by_rest(seen, resting))),
+    )
 
 
 def _velocity_as_seen(track: Track, current: Array, task: Task, options: Options) -> Noise:

@@ -201,6 +201,7 @@ def _keep(console: Terminal, out: Path, result: Calibration, content: Calibratio
         compensation=compensation.describe(),
         uncertainty={name: budget.half_width for name, budget in content.budgets.items()},
         innovation_rms=result.estimate.innovation_rms,
+        innovations={"told": result.noise.innovations, "expected": result.noise.expected},
         poorly_seen=content.poorly_seen,
         warnings=content.warnings,
         folder=out,
@@ -223,5 +224,11 @@ def _print(console: Terminal, estimate: Estimate, content: CalibrationContent) -
         grid.add_row(*cells, style="red" if sigma > target else "")
     console.print(grid)
     console.say(f"innovations rms {estimate.innovation_rms:.3f} (1 if the noise is as assumed)")
+    if (noise := content.noise) is not None:
+        told, due = (sum(rms**2 for rms in part) ** 0.5 for part in (noise.innovations, noise.expected))
+        count = len(noise.expected) ** 0.5
+        console.say(
+            f"with the noise told {told / count:.2f}; the schedule predicts {due / count:.2f} on this table"
+        )
     console.say_all(f"poorly seen: {text}" for text in content.poorly_seen)
     console.say_all(f"note: {text}" for text in content.warnings)
