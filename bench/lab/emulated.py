@@ -20,7 +20,7 @@ from bench.record.benchfile import BenchFile, Emulated
 from drivers.base.errors import BenchError, ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded, replace_file
 from drivers.kit.config import GyroConfig, Mistake, Mounting, refusal
-from simulators.config import Bearing, GyroInLab, InstrumentInLab, LabConfig, PlatformInLab, Rotation
+from simulators.config import Bearing, Ground, GyroInLab, InstrumentInLab, LabConfig, PlatformInLab, Rotation
 from simulators.faults import Fault
 
 if TYPE_CHECKING:
@@ -61,6 +61,10 @@ class Plant(BaseModel):
     adapter_batch_ms: dict[str, Annotated[float, Field(gt=0, le=1000)]] = Field(default_factory=dict)
     """Unit's name -> how often its USB adapter hands over what has come: 16 as most are delivered, 1 at best."""
     rotation: Rotation = Rotation()
+    ground: Ground = Ground()
+    """What moves below the table: an IMU's accelerometers feel it."""
+    imu_error_scale: float = Field(default=1.0, gt=0, le=100)
+    """How many times larger than a navigation-grade unit's the drawn errors of an IMU are."""
     bearing: dict[str, Bearing] = Field(default_factory=dict)
     """Unit id -> the bearing it turns in; a unit not named has its model's own."""
     gap_model: dict[str, Path] = Field(default_factory=dict)
@@ -315,6 +319,8 @@ def lab_config(
             for gyro in file.gyro
         ),
         rotation=plant.rotation,
+        ground=plant.ground,
+        imu_error_scale=plant.imu_error_scale,
         faults=plant.fault,
         adapter_batch_s={name: 1e-3 * batch_ms for name, batch_ms in plant.adapter_batch_ms.items()},
         platforms=tuple(

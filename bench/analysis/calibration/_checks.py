@@ -110,7 +110,8 @@ def require_latitude(data: Increments, track: Track, resting: NDArray[np.bool_],
             f"{math.degrees(math.asin(sine)):.2f} deg",
             expected=f"latitude {task.site.latitude_deg:g} deg within {margin:.2f} deg",
             remedy="correct latitude_deg in the bench file: 0.1 deg shifts a gyro scale factor by several ppm; "
-            "the other hemisphere may also be accelerometers that all read down as positive",
+            "the other hemisphere may also be accelerometers that all read down as positive; a unit with larger "
+            "errors than told needs --prior-scale",
         )
 
 
@@ -127,7 +128,8 @@ def require_axes(data: Increments, track: Track, resting: NDArray[np.bool_], tas
             where=f"rest at {bad[0] * track.interval_s:.0f} s",
             found=f"up by the gyros is {tilt[bad[0]]:.1f} deg away from up by the accelerometers",
             expected=f"less than {tolerance_deg:.2g} deg",
-            remedy="an axis is swapped, left-handed or wrongly scaled, or increments of a turn were lost",
+            remedy="an axis is swapped, left-handed or wrongly scaled, or increments of a turn were lost; a unit "
+            "with larger errors than told needs --prior-scale",
         )
 
 
