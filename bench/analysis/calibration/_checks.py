@@ -98,8 +98,9 @@ def require_latitude(data: Increments, track: Track, resting: NDArray[np.bool_],
     right = np.concatenate([(np.einsum("ni,ni->n", up, seen) - expected) / sigma, np.zeros(4)])
     found, *_ = np.linalg.lstsq(whole, right, rcond=None)
     doubt = math.sqrt(float(np.linalg.pinv(whole.T @ whole)[0, 0]))
-    # 1e-4 of Earth rate, more with larger errors told: scale factors of a unit not yet calibrated
-    allowed = 5.0 * (doubt + float(task.prior_sigma[KG][0]) * EARTH_RATE_RAD_S)
+    # Of a unit not yet calibrated: scale factors, and angles, which show at every rest in another way.
+    scale, crooked = float(task.prior_sigma[KG][0]), float(task.prior_sigma[KG].max())
+    allowed = 5.0 * (doubt + math.hypot(scale, crooked / math.sqrt(len(rests))) * EARTH_RATE_RAD_S)
     if abs(found[0]) > allowed:
         sine = float(np.clip((expected + found[0]) / EARTH_RATE_RAD_S, -1.0, 1.0))
         margin = math.degrees(allowed / EARTH_RATE_RAD_S / max(math.cos(latitude), 0.05))
