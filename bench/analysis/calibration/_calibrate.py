@@ -15,6 +15,7 @@ from bench.analysis.calibration._compensation import ImuCompensation
 from bench.analysis.calibration._conventions import Noise, Site, Task
 from bench.analysis.calibration._estimator import BiasWander, Estimate, Options, estimate
 from bench.analysis.calibration._further import after, changes, together
+from bench.analysis.calibration._inflation import Inflation, inflation
 from bench.analysis.calibration._navigation import Increments
 from bench.analysis.calibration._record_noise import RecordNoise, record_noise
 from bench.analysis.calibration._result import Evaluation, evaluate
@@ -78,6 +79,14 @@ class Calibration(Shown):
         )
         per_latitude_deg = (self.alone.parameters - moved.parameters) / _MOVED_DEG
         return parameter_budgets(self.estimate, site.gravity_mps2, per_latitude_deg, run.certificates)
+
+    @cached_property
+    def inflation(self) -> Inflation:
+        """By how much a navigation filter has to take the noise larger than the white noise of this record."""
+        run = self.run.increments
+        noise = self.noise.found if self.corrected else self.evaluation.task.noise
+        length_s = len(run.angle_rad) * run.period_s
+        return inflation(noise, self.wander, self.evaluation.task.site, length_s)
 
     def compensation(self, declared: Sequence[str] = ()) -> ImuCompensation:
         """Return the compensation; `declared`: what its user has to know of it."""

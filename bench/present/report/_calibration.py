@@ -30,6 +30,7 @@ from bench.present.report._page import (
     named,
 )
 from bench.present.report._parts import made, warnings
+from drivers.base.constants import ARCSEC_PER_RAD
 
 if TYPE_CHECKING:
     from bench.analysis.calibration import Evaluation
@@ -89,6 +90,7 @@ def calibration_page(content: CalibrationContent) -> Page:
             Section("Beside the classical schemes", [_degrees(_others(content.evaluation))]),
             Section("Poorly seen combinations", [Notes(content.poorly_seen)]),
             Section("Innovations", _innovations(content)),
+            Section("Noise for a navigation filter", _inflation(content)),
             Section("Convergence", [convergence(content)]),
             Section("Estimates over time", estimates_over_time(content)),
             Section("State by position", [heat_map(content)]),
@@ -204,6 +206,27 @@ def _innovations(content: CalibrationContent) -> list[Block]:
             tone: Tone = "bad" if number in named_rests else "plain"
             row += [fixed(noise.expected[number], 2), Cell(fixed(noise.innovations[number], 2), tone)]
     return [Table(heads, [named(str(number + 1), *row) for number, row in enumerate(rows)], caption)]
+
+
+def _inflation(content: CalibrationContent) -> list[Block]:
+    """Return by how much a navigation filter has to take the noise larger, error by error."""
+    found = content.inflation
+    if found is None:
+        return []
+    heads = ["Error, 1 σ", "Unit"]
+    heads += [f">{part}, {each:g} h" for each in found.hours for part in ("White", "Whole", "Factor")]
+    units = (("heading", "″", ARCSEC_PER_RAD), ("velocity", "m/s", 1.0), ("position", "m", 1.0))
+    rows = []
+    for (name, unit, size), *values in zip(units, found.white, found.whole, found.factors, strict=True):
+        each = [(size * white, size * whole, factor) for white, whole, factor in zip(*values, strict=True)]
+        rows.append(named(name, unit, *(significant(float(value)) for part in each for value in part)))
+    caption = (
+        "Errors of an unaided INS at rest, altitude held, its biases those of this calibration: by white noise, "
+        "and with the wander about their mean. A filter that takes the noise "
+        f"{significant(found.factor)} times as large covers all of them. The record of {found.record_h:.1f} h "
+        "shows no wander slower than itself."
+    )
+    return [Table(heads, rows, caption)]
 
 
 def _degrees(schemes: Mapping[str, Evaluation]) -> Table:
