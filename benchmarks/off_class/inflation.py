@@ -103,7 +103,7 @@ def examine(kind: Biases, records: int, runs: int, first_seed: int = 0) -> Outco
         first = estimate(data, task, options, schedule)
         shown = record_noise(data, task, options, first, schedule)
         length_s = len(data.angle_rad) * data.period_s
-        found.append(inflation(shown.found, shown.wander, task.site, length_s))
+        found.append(inflation(shown.found, shown.wanders, task.site, length_s))
         rng = np.random.default_rng((seed, 9))
         later = kind.ahead(np.broadcast_to(kept["states"], (runs, *kept["states"].shape)), rng, float(_GAP_S))
         ends.append(navigated(task, kind, later, kept["mean"], rng))

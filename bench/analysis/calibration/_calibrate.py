@@ -86,7 +86,8 @@ class Calibration(Shown):
         run = self.run.increments
         noise = self.noise.found if self.corrected else self.evaluation.task.noise
         length_s = len(run.angle_rad) * run.period_s
-        return inflation(noise, self.wander, self.evaluation.task.site, length_s)
+        told = ((self.wander, 1.0),) if self.wander is not None else ()
+        return inflation(noise, self.noise.wanders or told, self.evaluation.task.site, length_s)
 
     def compensation(self, declared: Sequence[str] = ()) -> ImuCompensation:
         """Return the compensation; `declared`: what its user has to know of it."""

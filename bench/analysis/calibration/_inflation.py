@@ -14,6 +14,7 @@ from it covers it.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -37,7 +38,8 @@ _PARTS = ((6,), (2, 3), (0, 1))
 class Inflation:
     """Standard deviations of an unaided INS by white noise alone and with the wander, (3, hours), rows `errors`.
 
-    In rad, m/s and m; of velocity and position the root of both axes' variances. `record_h`: length of the record.
+    In rad, m/s and m; of velocity and position the root of both axes' variances. `record_h`: length of the
+    record.
     """
 
     hours: ClassVar[tuple[float, ...]] = HOURS
@@ -57,15 +59,22 @@ class Inflation:
         return float(self.factors.max())
 
 
-def inflation(noise: Noise, wander: BiasWander | None, site: Site, record_s: float) -> Inflation:
-    """Return the factors of white noise and a wander of biases (None: there is none), as a record of `record_s`
-    shows.
+def inflation(
+    noise: Noise, wanders: Sequence[tuple[BiasWander, float]], site: Site, record_s: float
+) -> Inflation:
+    """Return the factors of white noise and a wander of biases, as a record of `record_s` shows.
 
-    Navigation begins so long after the record that the wander has forgotten it; its mean over the record is
-    taken out.
+    `wanders`: those that it may be and their weights, over which variances are averaged; empty: there is none.
+    Navigation begins so long after the record that the wander has forgotten it; its mean over the record is out.
     """
     white = _variances(site, noise, None, record_s)
-    added = white * 0.0 if wander is None else _variances(site, None, wander, record_s)
+    added = np.zeros_like(white)
+    for time_s in sorted({wander.time_s for wander, _ in wanders}):
+        # a variance goes with the squares of both sizes
+        alike = [(wander, weight) for wander, weight in wanders if wander.time_s == time_s]
+        gyro = math.sqrt(sum(weight * wander.gyro_rad_s**2 for wander, weight in alike))
+        accelerometer = math.sqrt(sum(weight * wander.accelerometer_mps2**2 for wander, weight in alike))
+        added += _variances(site, None, BiasWander(gyro, accelerometer, time_s), record_s)
     return Inflation(np.sqrt(white), np.sqrt(white + added), record_s / 3600.0)
 
 

@@ -8,6 +8,7 @@ innovations of the filter only, through turns: there the likelihood of a Markov 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -39,6 +40,8 @@ _FIRST = ((1e-3, 2.0, 1000.0), (3e-3, 6.0, 1000.0), (9e-3, 18.0, 1000.0), (3e-3,
 """Wander tried first: gyro deg/h, accelerometer ug, correlation time s."""
 _BOUNDS = ((1e-5, 0.02, 50.0), (1.0, 1000.0, 10_000.0))
 _STEPS = ((2.0, 2.0, 3.0), (1.4, 1.4, 1.7))
+_SIZES, _TIMES = (0.4, 1.0, 2.5), (1.0 / 9.0, 1.0 / 3.0, 1.0, 3.0, 9.0)
+"""Factors of the grid about the best wander, of sizes and of the time."""
 _WORTH = 0.5
 """Twice the gain of logarithmic likelihood by which a step has to be better."""
 _LAG_SIGMA = 6.0
@@ -56,7 +59,8 @@ class RecordNoise:
     of logarithmic likelihood by the best wander tried. `correlation`: of innovations a second apart, in sigma
     of what white ones have. `innovations`: rms with the noise told, rest by rest, beside `expected`, what the
     schedule predicts with the sensors as told on a table that jitters as the rests show. `disturbed`: rests,
-    from 0, whose innovations stay too large with the noise found, and how large.
+    from 0, whose innovations stay too large with the noise found, and how large. `wanders`: wanders
+    about the best and their weights by likelihood, which sum to 1; none without a wander.
     """
 
     told: Noise
@@ -67,6 +71,7 @@ class RecordNoise:
     innovations: tuple[float, ...] = ()
     expected: tuple[float, ...] = ()
     disturbed: tuple[tuple[int, float], ...] = ()
+    wanders: tuple[tuple[BiasWander, float], ...] = ()
 
     @property
     def innovation_ratio(self) -> float:
@@ -156,6 +161,7 @@ def record_noise(
         correlation,
         innovations=tuple(float(np.sqrt(np.mean(rest**2))) for rest in by_rest(told, resting)),
         expected=tuple(expected_innovations(task, schedule, there).tolist()),
+        wanders=weighted_wanders(likelihood, wander) if wander is not None else (),
         # of innovations that are correlated the scatter is not known, and another alarm says so
         disturbed=() if abs(correlation) > _LAG_SIGMA else tuple(disturbed_rests(by_rest(seen, resting))),
     )
@@ -235,6 +241,29 @@ def best_wander(likelihood: Callable[[BiasWander | None], float]) -> tuple[BiasW
                         break
     best = max(tried, key=lambda at: tried[at])
     return (_wander(*best) if tried[best] > LIKELIHOOD else None), tried[best]
+
+
+def weighted_wanders(
+    likelihood: Callable[[BiasWander | None], float], best: BiasWander
+) -> tuple[tuple[BiasWander, float], ...]:
+    """Return wanders on a grid about the best and their weights by likelihood, flat in the logarithm of each
+    size.
+
+    Half an hour tells size and time of a wander to a factor, and they trade: what follows from a wander is to be
+    averaged over these.
+    """
+    at = (best.gyro_rad_s / DPH_RAD_S, best.accelerometer_mps2 / UG_MPS2, best.time_s)
+    grid = {
+        tuple(np.clip([value * factor for value, factor in zip(at, factors, strict=True)], *_BOUNDS).tolist())
+        for factors in itertools.product(_SIZES, _SIZES, _TIMES)
+    }
+    made = [_wander(*values) for values in sorted(grid)]
+    found = np.array([likelihood(wander) for wander in made])
+    weights = np.exp(found - found.max())
+    weights /= weights.sum()
+    return tuple(
+        (wander, weight) for wander, weight in zip(made, weights.tolist(), strict=True) if weight > 1e-4
+    )
 
 
 def lag_correlation(innovations: Array) -> float:

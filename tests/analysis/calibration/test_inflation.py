@@ -38,7 +38,7 @@ def test_sigmas_are_those_of_units_that_are_navigated(kind: Biases, wander: Bias
     states = kind.ahead(states, rng, 7200.0)
     squares = navigated(task, kind, states, total / RECORD_S, rng, (0.25, 1.0))
     noise = Noise(0.001 * kind.gyro, 10.0 * kind.accelerometer)
-    stated = inflation(noise, wander, task.site, RECORD_S)
+    stated = inflation(noise, ((wander, 1.0),) if wander else (), task.site, RECORD_S)
     # an hour is the first of the times; heading has one degree of freedom a unit, the others two
     nees = squares[:, :, 1].mean(axis=0) / stated.whole[:, 0] ** 2
     assert nees == pytest.approx(1.0, abs=0.4)
@@ -51,7 +51,7 @@ def test_sigmas_are_those_of_units_that_are_navigated(kind: Biases, wander: Bias
 def test_a_constant_accelerometer_error_swings_at_schuler() -> None:
     """So slow a wander that its mean is known from no record: v = b sin(w t) / w about each axis."""
     slow = BiasWander(1e-12 * DPH, 100.0 * UG, 1e9)
-    found = inflation(Noise(1e-9, 1e-9), slow, Site(0.0), 1e-3)
+    found = inflation(Noise(1e-9, 1e-9), ((slow, 1.0),), Site(0.0), 1e-3)
     added = np.sqrt(found.whole[1] ** 2 - found.white[1] ** 2)
     # two axes, and the record's mean as far from now's as now's from zero: here it is now's, which comes twice
     hours = 3600.0 * np.array(found.hours)

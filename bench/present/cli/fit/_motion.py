@@ -30,6 +30,10 @@ def whirl(
         tuple[float, float] | None,
         Option(help="known angles of the x and of the y gyro towards z; taken out of their rates"),
     ] = None,
+    base: Annotated[
+        list[Path] | None,
+        Option(help="rate of a base that moves, from a reference on it; one log for each run, in order"),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Fit the whirl of a rotating INS from gyro and angle.
@@ -48,7 +52,9 @@ def whirl(
     with console.status("fitting whirl"):
         fitted, judging = opened[: len(runs)], opened[len(runs) :]
         named = cast("Gauge", gauge)
-        study = study_whirl_runs(fitted, judging, gyro, gauge=named, installation_arcsec=installation_arcsec)
+        study = study_whirl_runs(
+            fitted, judging, gyro, gauge=named, installation_arcsec=installation_arcsec, bases=base or ()
+        )
     with saved_together(out) as part:
         study.compensation.save(part / WHIRL_FILE)
         write_report(part / REPORT_FILE, whirl_page(study, opened, part / WHIRL_FILE))
