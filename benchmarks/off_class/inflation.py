@@ -1,6 +1,6 @@
 """Noise for a navigation filter: are the sigmas true that it states with the factor of a calibration?
 
-    python -m benchmarks.off_class.inflation [--records N] [--runs N]
+    python -m benchmarks.off_class.inflation [--records N] [--runs N] [--only TEXT]
 
 Each record gives white noise and a factor. The same unit, its biases wandering on, then stands still for 10 h
 and is navigated by strapdown equations that have nothing of the model: whole rotations, a sphere, one second a
@@ -166,10 +166,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--records", type=int, default=12)
     parser.add_argument("--runs", type=int, default=12)
+    parser.add_argument("--only", default="", help="kinds of noise whose name holds this")
     asked = parser.parse_args(arguments)
     heads = [f"{name}, {hours:g} h" for name in ERRORS for hours in HOURS]
     print(f"| noise | factor | {' | '.join(heads)} |\n|{'---|' * (2 + len(heads))}")
     for number, (name, kind) in enumerate(KINDS.items()):
+        if asked.only not in name:
+            continue
         o = examine(kind, asked.records, asked.runs, 5000 + 1000 * number)
         cells = [f"{a:.2f} ({b:.1f})" for a, b in zip(o.nees.ravel(), o.bare.ravel(), strict=True)]
         low, middle, high = np.percentile(o.factors, [0, 50, 100])
