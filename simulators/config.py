@@ -41,6 +41,20 @@ class Rotation(_PlantSection):
     encoder_ripple_lines: int = key(default=36, ge=1, le=1_000_000)
 
 
+class Ground(_PlantSection):
+    """The floor or pier below the table (simulators.plant.ground): in the wind and with people about.
+
+    `sway_mps`: rms velocity along east and along north, about `sway_hz`. `step_mps`: velocity of the push that
+    each of `steps_per_min` steps gives it, on average so many, at random times; it rings down at `step_hz`.
+    """
+
+    sway_mps: float = key(default=0.0, ge=0, le=1)
+    sway_hz: float = key(default=0.15, gt=0, le=100)
+    step_mps: float = key(default=0.0, ge=0, le=1)
+    steps_per_min: float = key(default=0.0, ge=0, le=600)
+    step_hz: float = key(default=8.0, gt=0, le=100)
+
+
 class Bearing(_PlantSection):
     """The bearing that a unit of the model `ins_triad` turns in (simulators.plant.wobble).
 
@@ -100,13 +114,15 @@ class GyroInLab:
 class PlatformInLab:
     """A platform INS: its section of the bench file; `unit_seed` draws its physics.
 
-    `effect_dph`: rms over headings of the change of its mean drift; `north_deg`: table angle at heading 0.
+    `effect_dph`: rms over headings of the change of its mean drift; `north_deg`: table angle at heading 0;
+    `start_k`: how much warmer than in equilibrium it is at power-on.
     `modelled`: its drift is that of a model, `heading_effect` the model's values (None: it has none).
     """
 
     config: PlatformConfig
     unit_seed: int
     effect_dph: float = 1e-3
+    start_k: float = 0.0
     north_deg: float = 0.0
     modelled: bool = False
     heading_effect: list[float] | None = None
@@ -144,6 +160,8 @@ class LabConfig:
     lines: dict[str, SerialFormat] = field(default_factory=dict)
     adapter_batch_s: dict[str, float] = field(default_factory=dict)
     rotation: Rotation = field(default_factory=Rotation)
+    ground: Ground = field(default_factory=Ground)
+    imu_error_scale: float = 1.0
     delivery_s: float = 1.0
     cpu: int | None = None
     emulated: dict[str, Any] | None = None

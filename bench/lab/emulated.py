@@ -20,7 +20,7 @@ from bench.record.benchfile import BenchFile, Emulated
 from drivers.base.errors import BenchError, ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded, replace_file
 from drivers.kit.config import GyroConfig, Mistake, Mounting, refusal
-from simulators.config import Bearing, GyroInLab, InstrumentInLab, LabConfig, PlatformInLab, Rotation
+from simulators.config import Bearing, Ground, GyroInLab, InstrumentInLab, LabConfig, PlatformInLab, Rotation
 from simulators.faults import Fault
 
 if TYPE_CHECKING:
@@ -54,11 +54,17 @@ class Plant(BaseModel):
     """Gyro name -> how it lies at first: axis_horizontal (not named, unless an imu: z_up), axis_up or z_up."""
     heading_effect_dph: float = Field(default=1e-3, ge=0, le=1)
     """rms over headings of the change of a platform's mean drift"""
+    platform_start_k: float = Field(default=0.0, ge=-60, le=60)
+    """How much warmer than in equilibrium a platform is at power-on: negative for a cold one."""
     clock_error_ppm: dict[str, float] = Field(default_factory=dict)
     """Gyro name -> error of its sample clock, positive when it is fast; 10000 is 1 %."""
     adapter_batch_ms: dict[str, Annotated[float, Field(gt=0, le=1000)]] = Field(default_factory=dict)
     """Unit's name -> how often its USB adapter hands over what has come: 16 as most are delivered, 1 at best."""
     rotation: Rotation = Rotation()
+    ground: Ground = Ground()
+    """What moves below the table: an IMU's accelerometers feel it."""
+    imu_error_scale: float = Field(default=1.0, gt=0, le=100)
+    """How many times larger than a navigation-grade unit's the drawn errors of an IMU are."""
     bearing: dict[str, Bearing] = Field(default_factory=dict)
     """Unit id -> the bearing it turns in; a unit not named has its model's own."""
     gap_model: dict[str, Path] = Field(default_factory=dict)
@@ -313,6 +319,8 @@ def lab_config(
             for gyro in file.gyro
         ),
         rotation=plant.rotation,
+        ground=plant.ground,
+        imu_error_scale=plant.imu_error_scale,
         faults=plant.fault,
         adapter_batch_s={name: 1e-3 * batch_ms for name, batch_ms in plant.adapter_batch_ms.items()},
         platforms=tuple(
@@ -320,6 +328,7 @@ def lab_config(
                 config=platform,
                 unit_seed=unit_seed(platform.unit),
                 effect_dph=plant.heading_effect_dph,
+                start_k=plant.platform_start_k,
                 modelled=platform.unit in plant.gap_model,
                 heading_effect=plant.platform_drift_of(platform.unit),
             )

@@ -43,16 +43,14 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """A log from its alignment on, the second sensor (n,), and the warm-up's angle and temperatures.
+    """A log from its alignment on, with a second sensor, and the warm-up's angle and temperature.
 
     `thermal_as` (n, 3): the misalignment that temperature alone makes.
     """
 
     log: PlatformLog
-    second_c: Array
     warm_angle_rad: Array
     warm_temp_c: Array
-    warm_second_c: Array
     thermal_as: Array
 
 
@@ -123,13 +121,12 @@ def _measured(course: Course, first: Array, second: Array, eps: Array, start: in
         temps[0][start:],
         course.heading_deg[start:],
         LATITUDE_DEG,
+        second_c=temps[1][start:],
     )
     return Flight(
         log,
-        temps[1][start:],
         course.angle_rad[:start],
         temps[0][:start],
-        temps[1][:start],
         np.cumsum(thermal, axis=0) * STEP_S,
     )
 

@@ -52,7 +52,7 @@ def examine(disturbance: Disturbance, records: int) -> Outcome:
         data, truth = record(task, schedule, disturbance, seed)
         options = Options(alignment_s=48.0)
         first = estimate(data, task, options, schedule)
-        shown = record_noise(data, task, options, first)
+        shown = record_noise(data, task, options, first, schedule)
         corrected = replace(options, wander=shown.wander)
         found = estimate(data, replace(task, noise=shown.found), corrected, schedule)
         alarms += bool(shown.alarms)

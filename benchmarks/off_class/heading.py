@@ -1,8 +1,9 @@
 """Heading effect: what a fitted compensation leaves on platforms of other physics, and when it refuses.
 
-    python -m benchmarks.off_class.heading [--plants N]
+    python -m benchmarks.off_class.heading [--plants N] [--second]
 
-A platform that the fit refuses is left as it is: 0 %. Harm is a sequence that the compensation made worse.
+With --second the fit may use each platform's second sensor, where stays left out say so. A platform that the
+fit refuses is left as it is: 0 %. Harm is a sequence that the compensation made worse.
 """
 
 from __future__ import annotations
@@ -13,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.analysis.heading import HeadingCompensation, HeadingCompensator, fit_reference
+from bench.analysis.heading import HeadingCompensation, HeadingCompensator, LaggedModel, fit_reference
 from bench.analysis.heading._frames import position_error
-from bench.analysis.heading._lagged import fit_lagged
+from bench.analysis.heading._lagged import choose_input, fit_lagged
 from benchmarks._heading_plants import CALIBRATIONS, sequence
 from benchmarks._measure import Row, figure, usual
 from benchmarks.off_class._heading_plants import FAMILIES, Drift, Flight, fly
@@ -28,7 +29,8 @@ GOALS = {"median": 88.0, "p10": 65.0}
 @dataclass(frozen=True)
 class Outcome:
     """Reductions in % of every sequence of the platforms accepted, and what the true drift would give; how many
-    platforms were refused of how many, and warned of; how many sequences reached what was told at least."""
+    platforms were refused of how many, and warned of; how many sequences reached what was told at least;
+    on how many platforms a second sensor was used."""
 
     family: str
     reductions: tuple[float, ...]
@@ -37,6 +39,7 @@ class Outcome:
     platforms: int
     warned: int
     told: int
+    used: int
 
     @property
     def harm(self) -> int:
@@ -48,15 +51,17 @@ class Outcome:
         return float(np.percentile(self.reductions, share)) if self.reductions else float("nan")
 
 
-def examine(family: str, plants: int) -> Outcome:
+def examine(family: str, plants: int, *, second: bool = False) -> Outcome:
     """Calibrate on five headings beside the reference, judge on four sequences of others."""
-    drift, found, limits, refused, warned, told = FAMILIES[family], [], [], 0, 0, 0
+    drift, found, limits, refused, warned, told, used = FAMILIES[family], [], [], 0, 0, 0, 0
     for seed in range(plants):
         calibration = fly(drift, seed, 10_000 + seed, CALIBRATIONS["5+1"])
         try:
-            model = fit_lagged(
-                calibration.log, reference=fit_reference(calibration.warm_angle_rad, calibration.warm_temp_c)
-            )
+            reference = fit_reference(calibration.warm_angle_rad, calibration.warm_temp_c)
+            choice = choose_input(calibration.log, reference=reference) if second else None
+            kind = choice.kind if choice else None
+            used += kind is not None
+            model = fit_lagged(calibration.log, reference=reference, second=kind)
             HeadingCompensation.from_fit(model, "", {}).stream("")
         except BenchError:
             refused += 1
@@ -67,10 +72,10 @@ def examine(family: str, plants: int) -> Outcome:
             found.append(reached)
             limits.append(limit)
             told += reached >= model.evidence.least_reduction_percent
-    return Outcome(family, tuple(found), tuple(limits), refused, plants, warned, told)
+    return Outcome(family, tuple(found), tuple(limits), refused, plants, warned, told, used)
 
 
-def reduction(drift: Drift, model: object, seed: int, test: int) -> tuple[float, float]:
+def reduction(drift: Drift, model: LaggedModel, seed: int, test: int) -> tuple[float, float]:
     """Return the reductions in % on a sequence by the model and by the true drift, run less its twin that does
     not turn."""
     stays, noise = sequence(test, seed), 20_000 + 10 * seed + test
@@ -85,9 +90,9 @@ def reduction(drift: Drift, model: object, seed: int, test: int) -> tuple[float,
     return found[0], found[1]
 
 
-def _made(model: object, flight: Flight) -> np.ndarray:
+def _made(model: LaggedModel, flight: Flight) -> np.ndarray:
     log = flight.log
-    return HeadingCompensator(model).feed(log.time_s, log.sidereal_rad, log.temp_c).phi_as  # type: ignore[arg-type]
+    return HeadingCompensator(model).feed(log.time_s, log.sidereal_rad, log.temp_c, log.second_c).phi_as
 
 
 def rows() -> Iterator[Row]:
@@ -110,17 +115,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--plants", type=int, default=12)
+    parser.add_argument("--second", action="store_true", help="give the fit each platform's second sensor")
     asked = parser.parse_args(arguments)
     print(
-        "| family | refused | warned | median | p10 | worst | made worse | as told | true drift, median |\n"
-        "|---|---|---|---|---|---|---|---|---|"
+        "| family | refused | warned | median | p10 | worst | made worse | as told | true drift, median | "
+        "second used |\n"
+        "|---|---|---|---|---|---|---|---|---|---|"
     )
     for family in FAMILIES:
-        o = examine(family, asked.plants)
+        o = examine(family, asked.plants, second=asked.second)
         print(
             f"| {family} | {o.refused} of {o.platforms} | {o.warned} | {o.percentile(50):.1f} | "
             f"{o.percentile(10):.1f} | {o.percentile(0):.1f} | {o.harm} | {o.told} of {len(o.reductions)} | "
-            f"{np.median(o.limits) if o.limits else float('nan'):.1f} |",
+            f"{np.median(o.limits) if o.limits else float('nan'):.1f} | {o.used} |",
             flush=True,
         )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_args
@@ -26,6 +26,7 @@ from simulators.lab._line import Line
 from simulators.lab._ports import Port, PtyPort, TcpPort
 from simulators.lab._power import Power, Since
 from simulators.plant.chamber import WEAK_CHAMBER, ChamberParameters
+from simulators.plant.ground import GroundParameters
 from simulators.plant.lab_plant import LabPlant, PlantConfig, Unit, UnitConfig, UnitKind
 from simulators.plant.lab_platform import LabPlatform
 from simulators.plant.load import Load
@@ -152,6 +153,8 @@ def plant_config(config: LabConfig) -> PlantConfig:
         chamber=_known("chamber model", config.chamber_model, _CHAMBERS),
         axes=tuple((axis.name, axis.direction) for axis in config.table.all_axes),
         table=TableParameters(**asdict(config.rotation)),
+        ground=GroundParameters(**asdict(config.ground)),
+        imu_error_scale=config.imu_error_scale,
         units=tuple(
             UnitConfig(
                 name=gyro.config.name,
@@ -216,8 +219,10 @@ def _platform(platform: PlatformInLab, config: LabConfig, plant: LabPlant) -> St
     drawn = draw_platform(
         platform.unit_seed, effect_dph=platform.effect_dph, latitude_deg=config.latitude_deg
     )
+    if platform.modelled:
+        drawn = with_heading_effect(drawn, platform.heading_effect)
     physics = LabPlatform(
-        with_heading_effect(drawn, platform.heading_effect) if platform.modelled else drawn,
+        replace(drawn, start_k=platform.start_k),
         config.seed,
         heading_deg,
         longitude_deg=platform.config.longitude_deg,

@@ -23,6 +23,7 @@ from drivers.base.constants import ARCSEC_RAD, UG_MPS2, gravity_mps2
 from drivers.kit.config import Mounting
 from simulators.interfaces import GyroSignal
 from simulators.plant.gimbals import NORTH_WEST_UP, Gimbals, about_up, earth_rate_rad_s, simpson, turned_about
+from simulators.plant.ground import Ground
 from simulators.plant.mounting import Mount
 from simulators.plant.noise import NoiseSource, SampleNoise, TickNoise
 from simulators.plant.table import TableAxis
@@ -65,12 +66,12 @@ class ImuNoise:
     vibration_mps: float = 0.0
 
 
-def imu_errors(unit_seed: int, full: bool) -> ImuErrors:
+def imu_errors(unit_seed: int, full: bool, times: float = 1.0) -> ImuErrors:
     """Return the errors of a unit: 24 parameters drawn at prior size, K_a lower triangular; `full`: lever arms of
-    accelerometers x and y and a lag, too.
+    accelerometers x and y and a lag, too. `times`: how many times larger the 24 are.
     """
     rng = NoiseSource(unit_seed, "imu").generator(0)
-    bias, nabla, scale, angle, square = _PRIOR
+    bias, nabla, scale, angle, square = (times * size for size in _PRIOR)
     size = np.where(np.eye(3) == 1.0, scale * 1e-6, angle * ARCSEC_RAD)
     kg, ka = rng.standard_normal((3, 3)) * size, np.tril(rng.standard_normal((3, 3)) * size)
     lever = rng.standard_normal((3, 3)) * _LEVER_M
@@ -117,9 +118,11 @@ class ImuUnit:
         *,
         axis: str = "x",
         azimuth_error_deg: float = 0.0,
+        ground: Ground | None = None,
     ) -> None:
         self.errors, self.noise = errors, noise
         self._gimbals = Gimbals(table)
+        self._ground = ground if ground is not None and not ground.parameters.still else None
         self._axis = axis
         self._earth = earth_rate_rad_s(latitude_deg)
         self._gravity = np.array([0.0, 0.0, gravity_mps2(latitude_deg)])
@@ -175,6 +178,8 @@ class ImuUnit:
         check_advanced("imu plant", float(times_s[-2]), len(self._temps_c))
         angle, velocity = self._exact(np.maximum(times_s, 0.0), count, period_s)
         self._add_noise(angle, velocity, index, count, times_s[1:-1:2][:count], period_s)
+        if self._ground is not None:
+            velocity += self._pushed(self._ground, np.maximum(times_s[1:-1], 0.0))
         held = np.minimum((times_s[3::2][:count] + 1e-9).astype(np.int64), len(self._temps_c) - 1)
         return GyroSignal(self.axes, angle, np.array(self._temps_c)[held], velocity)
 
@@ -206,6 +211,15 @@ class ImuUnit:
         """Return Earth rate and specific force in b, (n, 3), at the axes' angles (n,)."""
         c = self._gimbals.attitude(angles, mount)
         return np.einsum("nij,i->nj", c, self._earth), np.einsum("nij,i->nj", c, self._gravity)
+
+    def _pushed(self, ground: Ground, times_s: Array) -> Array:
+        """Return what accelerometers gain in samples whose ends and middles are `times_s`, (count, 3), as the
+        ground moves; their own errors are left out of so small a change.
+        """
+        mount = next(matrix for since_s, matrix in reversed(self._mounts) if since_s <= times_s[0])
+        attitude = self._gimbals.attitude(self._gimbals.angles_rad(times_s[1::2]), mount)
+        gained = np.diff(ground.velocity_mps(times_s[::2]), axis=0)
+        return np.asarray(np.einsum("nij,ni->nj", np.broadcast_to(attitude, (len(gained), 3, 3)), gained))
 
     def _add_noise(
         self, angle: Array, velocity: Array, index: int, count: int, starts_s: Array, period_s: float

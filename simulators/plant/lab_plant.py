@@ -21,6 +21,7 @@ from simulators.plant.chamber import ChamberAir, ChamberParameters
 from simulators.plant.fog import fog_unit
 from simulators.plant.fog_parameters import FOG_MID, FOG_NAV
 from simulators.plant.gimbals import Gimbals
+from simulators.plant.ground import Ground, GroundParameters
 from simulators.plant.imu import ImuUnit, imu_errors, imu_noise
 from simulators.plant.lab_chamber import LabChamber
 from simulators.plant.mems import mems_unit
@@ -79,6 +80,8 @@ class PlantConfig:
     room_temp_c: float = 25.0
     chamber: ChamberParameters = field(default_factory=ChamberParameters)
     table: TableParameters = field(default_factory=TableParameters)
+    ground: GroundParameters = field(default_factory=GroundParameters)
+    imu_error_scale: float = 1.0
     axes: tuple[tuple[str, str], ...] = (("table", "up"),)
     units: tuple[UnitConfig, ...] = ()
 
@@ -216,13 +219,14 @@ class LabPlant:
                 )
             full = config.model == "imu_full"
             imu = ImuUnit(
-                imu_errors(config.unit_seed, full),
+                imu_errors(config.unit_seed, full, self.config.imu_error_scale),
                 imu_noise(full),
                 [(direction, self.tables[name]) for name, direction in self.config.axes],
                 self.config.latitude_deg,
                 source,
                 axis=config.axis,
                 azimuth_error_deg=config.mount_azimuth_error_deg,
+                ground=Ground(self.config.ground, NoiseSource(self.config.seed, "ground")),
             )
             if config.mounting is not None:
                 imu.mount(0.0, config.mounting)

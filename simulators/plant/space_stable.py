@@ -31,11 +31,12 @@ _HOUR = 3600.0
 class PlatformParameters:
     """A platform INS. Temperatures in K, drifts in deg/h, times in h unless said otherwise.
 
-    Heat: `case` (m, 3) in body axes right, front, up; `element` (m, 3) in inertial axes; `linear_k`,
-    `square_k` (m,). Drift: `gravity` (3, 3), `constant`, `square`, `rate` (3,) times `scale_dph`.
-    `friction_dph`: rms of a drift that steps with heading and has nothing to do with temperature.
-    `second_pole_h` and `gradient_share` are structure that no fitted model has: another lag in the core, and
-    an unmeasured gradient with a geometry and lag of its own, whose drift is that share of the whole.
+    Heat: `case` (m, 3) in body axes right, front, up; `element` (m, 3) in inertial axes; `linear_k`, `square_k`
+    (m,). Drift: `gravity` (3, 3), `constant`, `square`, `rate` (3,) times `scale_dph`. `friction_dph`: rms of a
+    drift that steps with heading and has nothing to do with temperature. `second_pole_h` and `gradient_share`
+    are structure that no fitted model has: another lag in the core, and an unmeasured gradient with a geometry
+    and lag of its own, whose drift is that share of the whole. `start_k`: how much warmer than in equilibrium
+    the platform is when it is switched on, at the first sample.
     """
 
     case: Array
@@ -56,6 +57,7 @@ class PlatformParameters:
     gradient_tau_h: float = 5.0
     gradient: PlatformParameters | None = None
     friction_dph: float = 0.0
+    start_k: float = 0.0
     ambient_k: float = 0.05
     ambient_h: float = 20.0
     sensor_k: float = 3e-3
@@ -237,6 +239,7 @@ class SpaceStablePlatform:
         angle = np.asarray(self._start_angle + EARTH_RATE_RAD_S * time_s, dtype=np.float64)
         ambient = self._wander("ambient", 0, count, p.ambient_k, p.ambient_h)
         true_c = self._lag("temp", self._drive(p, angle, heading_deg) + ambient, p.tau_h)
+        true_c = true_c + p.start_k * np.exp(-time_s / (p.tau_h * _HOUR))
         core = self._lag("core", true_c, p.core_tau_h)
         if p.second_pole_h:
             core = self._lag("second", core, p.second_pole_h)

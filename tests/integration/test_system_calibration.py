@@ -227,3 +227,28 @@ def test_an_axis_of_the_plan_is_one_of_the_bench_files(run):
     np.testing.assert_array_equal(plan.schedule.home, recorded.schedule.home)
     found = estimate(recorded.increments, Task(), Options(passes=2, alignment_s=30.0), plan.schedule)
     assert len(found.course) == plan.schedule.positions
+
+
+def test_a_rehearsal_in_the_field_of_a_unit_with_large_errors(tmp_path):
+    """Wind, people and errors ten times as large, from a plant file; the fit is told of the errors alone."""
+    field = tmp_path / "field.toml"
+    field.write_text(
+        "imu_error_scale = 10.0\n[ground]\nsway_mps = 3e-3\nstep_mps = 2e-3\nsteps_per_min = 20\n"
+    )
+    command = ["rehearse", "system-calibration", "--bench", str(BENCH), "--plant", str(field), "--seed", "3"]
+    pairs = ["--set", f"scheme={SCHEME}", "--set", f"dwell_s={DWELL_S:g}", "--set", "warm_up_min=0"]
+    result = CliRunner().invoke(app, [*command, *pairs, "--runs", str(tmp_path / "runs")])
+    assert result.exit_code == 0, result.output
+    (folder,) = (tmp_path / "runs").iterdir()
+    with pytest.raises(RecordError, match="needs --prior-scale"):
+        calibration(folder, out=tmp_path / "no")
+    calibration(folder, out=tmp_path / "fit", prior_scale=10.0)
+    found, truth = (
+        ImuCompensation.load(tmp_path / "fit/compensation.gyrocomp"),
+        load_calibration_run(folder).truth,
+    )
+    error = found.parameters - truth
+    assert error @ np.linalg.solve(found.covariance, error) / 24.0 < 2.0
+    assert np.abs(truth[6]) > 1e-3  # a scale factor of 2000 ppm
+    page = (tmp_path / "fit/report.html").read_text(encoding="utf-8")
+    assert "The table moves" in page and "This table" in page

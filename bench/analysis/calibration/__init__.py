@@ -17,6 +17,7 @@ from bench.analysis.calibration._conventions import (
 from bench.analysis.calibration._estimator import BiasWander, Estimate
 from bench.analysis.calibration._further import after
 from bench.analysis.calibration._hand_record import load_hand_record
+from bench.analysis.calibration._inflation import Inflation
 from bench.analysis.calibration._record_noise import RecordNoise
 from bench.analysis.calibration._result import Evaluation, evaluate, missed_targets
 from bench.analysis.calibration._runs import CalibrationRun, load_calibration_run
@@ -56,6 +57,7 @@ __all__ = [
     "HandCalibration",
     "HandRecord",
     "ImuCompensation",
+    "Inflation",
     "Noise",
     "RecordNoise",
     "Schedule",

@@ -15,6 +15,7 @@ from bench.analysis.calibration._compensation import ImuCompensation
 from bench.analysis.calibration._conventions import Noise, Site, Task
 from bench.analysis.calibration._estimator import BiasWander, Estimate, Options, estimate
 from bench.analysis.calibration._further import after, changes, together
+from bench.analysis.calibration._inflation import Inflation, inflation
 from bench.analysis.calibration._navigation import Increments
 from bench.analysis.calibration._record_noise import RecordNoise, record_noise
 from bench.analysis.calibration._result import Evaluation, evaluate
@@ -78,6 +79,15 @@ class Calibration(Shown):
         )
         per_latitude_deg = (self.alone.parameters - moved.parameters) / _MOVED_DEG
         return parameter_budgets(self.estimate, site.gravity_mps2, per_latitude_deg, run.certificates)
+
+    @cached_property
+    def inflation(self) -> Inflation:
+        """By how much a navigation filter has to take the noise larger than the white noise of this record."""
+        run = self.run.increments
+        noise = self.noise.found if self.corrected else self.evaluation.task.noise
+        length_s = len(run.angle_rad) * run.period_s
+        told = ((self.wander, 1.0),) if self.wander is not None else ()
+        return inflation(noise, self.noise.wanders or told, self.evaluation.task.site, length_s)
 
     def compensation(self, declared: Sequence[str] = ()) -> ImuCompensation:
         """Return the compensation; `declared`: what its user has to know of it."""
@@ -178,7 +188,7 @@ def calibrate(
         gyro_range_dps=range_dps,
     )
     estimated = estimate(run.increments, task, options, run.schedule)
-    shown = record_noise(run.increments, task, options, estimated)
+    shown = record_noise(run.increments, task, options, estimated, run.schedule)
     if not as_told:
         wander = wander or shown.wander
         options = replace(options, wander=wander)

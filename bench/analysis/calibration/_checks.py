@@ -98,8 +98,9 @@ def require_latitude(data: Increments, track: Track, resting: NDArray[np.bool_],
     right = np.concatenate([(np.einsum("ni,ni->n", up, seen) - expected) / sigma, np.zeros(4)])
     found, *_ = np.linalg.lstsq(whole, right, rcond=None)
     doubt = math.sqrt(float(np.linalg.pinv(whole.T @ whole)[0, 0]))
-    # 1e-4 of Earth rate, more with larger errors told: scale factors of a unit not yet calibrated
-    allowed = 5.0 * (doubt + float(task.prior_sigma[KG][0]) * EARTH_RATE_RAD_S)
+    # Of a unit not yet calibrated: scale factors, and angles, which show at every rest in another way.
+    scale, crooked = float(task.prior_sigma[KG][0]), float(task.prior_sigma[KG].max())
+    allowed = 5.0 * (doubt + math.hypot(scale, crooked / math.sqrt(len(rests))) * EARTH_RATE_RAD_S)
     if abs(found[0]) > allowed:
         sine = float(np.clip((expected + found[0]) / EARTH_RATE_RAD_S, -1.0, 1.0))
         margin = math.degrees(allowed / EARTH_RATE_RAD_S / max(math.cos(latitude), 0.05))
@@ -110,7 +111,8 @@ def require_latitude(data: Increments, track: Track, resting: NDArray[np.bool_],
             f"{math.degrees(math.asin(sine)):.2f} deg",
             expected=f"latitude {task.site.latitude_deg:g} deg within {margin:.2f} deg",
             remedy="correct latitude_deg in the bench file: 0.1 deg shifts a gyro scale factor by several ppm; "
-            "the other hemisphere may also be accelerometers that all read down as positive",
+            "the other hemisphere may also be accelerometers that all read down as positive; a unit with larger "
+            "errors than told needs --prior-scale",
         )
 
 
@@ -127,7 +129,8 @@ def require_axes(data: Increments, track: Track, resting: NDArray[np.bool_], tas
             where=f"rest at {bad[0] * track.interval_s:.0f} s",
             found=f"up by the gyros is {tilt[bad[0]]:.1f} deg away from up by the accelerometers",
             expected=f"less than {tolerance_deg:.2g} deg",
-            remedy="an axis is swapped, left-handed or wrongly scaled, or increments of a turn were lost",
+            remedy="an axis is swapped, left-handed or wrongly scaled, or increments of a turn were lost; a unit "
+            "with larger errors than told needs --prior-scale",
         )
 
 

@@ -8,6 +8,7 @@ innovations of the filter only, through turns: there the likelihood of a Markov 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -24,7 +25,9 @@ from bench.analysis.calibration._estimator import (
     prior_sigma,
     rest_intervals,
 )
+from bench.analysis.calibration._expected import by_rest, disturbed_rests, expected_innovations
 from bench.analysis.calibration._navigation import Increments, Track, align, compensate, navigate
+from bench.analysis.calibration._schedule import Schedule
 from bench.analysis.common.statistics import stretches
 from drivers.base.arrays import Array
 from drivers.base.constants import UG_MPS2
@@ -37,6 +40,8 @@ _FIRST = ((1e-3, 2.0, 1000.0), (3e-3, 6.0, 1000.0), (9e-3, 18.0, 1000.0), (3e-3,
 """Wander tried first: gyro deg/h, accelerometer ug, correlation time s."""
 _BOUNDS = ((1e-5, 0.02, 50.0), (1.0, 1000.0, 10_000.0))
 _STEPS = ((2.0, 2.0, 3.0), (1.4, 1.4, 1.7))
+_SIZES, _TIMES = (0.4, 1.0, 2.5), (1.0 / 9.0, 1.0 / 3.0, 1.0, 3.0, 9.0)
+"""Factors of the grid about the best wander, of sizes and of the time."""
 _WORTH = 0.5
 """Twice the gain of logarithmic likelihood by which a step has to be better."""
 _LAG_SIGMA = 6.0
@@ -51,8 +56,11 @@ class RecordNoise:
     """What a record shows of its noise. `told`: what the filter was given.
 
     `found`: from the rests; `wander`: None where the record does not ask for one; `wander_gain`: twice the gain
-    of logarithmic likelihood by the best wander tried. `correlation`: of innovations a second apart, in sigma of
-    what white ones have.
+    of logarithmic likelihood by the best wander tried. `correlation`: of innovations a second apart, in sigma
+    of what white ones have. `innovations`: rms with the noise told, rest by rest, beside `expected`, what the
+    schedule predicts with the sensors as told on a table that jitters as the rests show. `disturbed`: rests,
+    from 0, whose innovations stay too large with the noise found, and how large. `wanders`: wanders
+    about the best and their weights by likelihood, which sum to 1; none without a wander.
     """
 
     told: Noise
@@ -60,6 +68,16 @@ class RecordNoise:
     wander: BiasWander | None
     wander_gain: float
     correlation: float
+    innovations: tuple[float, ...] = ()
+    expected: tuple[float, ...] = ()
+    disturbed: tuple[tuple[int, float], ...] = ()
+    wanders: tuple[tuple[BiasWander, float], ...] = ()
+
+    @property
+    def innovation_ratio(self) -> float:
+        """Innovations over what the schedule predicts, both rms over all rests; 1 where all is as told."""
+        square, expected = (float(np.sum(np.square(part))) for part in (self.innovations, self.expected))
+        return math.sqrt(square / expected) if expected > 0.0 else 1.0
 
     @property
     def alarms(self) -> tuple[str, ...]:
@@ -82,6 +100,17 @@ class RecordNoise:
                 f"The table moves: its velocity jitters by {1e3 * self.found.velocity_mps:.2f} mm/s, "
                 f"{1e3 * self.told.velocity_mps:.2f} was told."
             )
+        if not 1.0 / FACTOR < self.innovation_ratio < FACTOR:
+            rms, due = (
+                float(np.sqrt(np.mean(np.square(part)))) for part in (self.innovations, self.expected)
+            )
+            said.append(
+                f"Innovations have an rms of {rms:.2f} with the noise told; the schedule predicts {due:.2f} for "
+                "such sensors on this table."
+            )
+        if self.disturbed:
+            named = ", ".join(f"{number + 1} ({rms:.1f} times)" for number, rms in self.disturbed)
+            said.append(f"Rests that something disturbed, by innovations beyond their scatter: {named}.")
         if self.wander is not None:
             said.append(
                 f"The biases wander (log likelihood +{self.wander_gain / 2.0:.0f}): about "
@@ -96,8 +125,10 @@ class RecordNoise:
         return tuple(said)
 
 
-def record_noise(data: Increments, task: Task, options: Options, found: Estimate) -> RecordNoise:
-    """Return what a record shows of its noise, `found` from it with the noise of `task`.
+def record_noise(
+    data: Increments, task: Task, options: Options, found: Estimate, schedule: Schedule
+) -> RecordNoise:
+    """Return what a record of `schedule` shows of its noise, `found` from it with the noise of `task`.
 
     A wander that `options` bring is taken as it is. The likelihoods are of the noise of the rests.
     """
@@ -118,7 +149,22 @@ def record_noise(data: Increments, task: Task, options: Options, found: Estimate
         return filter_track(track, current, prior_sigma(quiet, own), quiet, own).log_likelihood
 
     wander, gain = (None, 0.0) if options.wander is not None else best_wander(likelihood)
-    return RecordNoise(task.noise, noise, wander, gain, correlation)
+    own = replace(options, wander=options.wander or wander)
+    seen = filter_track(track, current, prior_sigma(quiet, own), quiet, own).innovations
+    told = filter_track(track, current, prior_sigma(task, options), task, options).innovations
+    there = replace(task.noise, velocity_mps=noise.velocity_mps)
+    return RecordNoise(
+        task.noise,
+        noise,
+        wander,
+        gain,
+        correlation,
+        innovations=tuple(float(np.sqrt(np.mean(rest**2))) for rest in by_rest(told, resting)),
+        expected=tuple(expected_innovations(task, schedule, there).tolist()),
+        wanders=weighted_wanders(likelihood, wander) if wander is not None else (),
+        # of innovations that are correlated the scatter is not known, and another alarm says so
+        disturbed=() if abs(correlation) > _LAG_SIGMA else tuple(disturbed_rests(by_rest(seen, resting))),
+    )
 
 
 def _velocity_as_seen(track: Track, current: Array, task: Task, options: Options) -> Noise:
@@ -195,6 +241,29 @@ def best_wander(likelihood: Callable[[BiasWander | None], float]) -> tuple[BiasW
                         break
     best = max(tried, key=lambda at: tried[at])
     return (_wander(*best) if tried[best] > LIKELIHOOD else None), tried[best]
+
+
+def weighted_wanders(
+    likelihood: Callable[[BiasWander | None], float], best: BiasWander
+) -> tuple[tuple[BiasWander, float], ...]:
+    """Return wanders on a grid about the best and their weights by likelihood, flat in the logarithm of each
+    size.
+
+    Half an hour tells size and time of a wander to a factor, and they trade: what follows from a wander is to be
+    averaged over these.
+    """
+    at = (best.gyro_rad_s / DPH_RAD_S, best.accelerometer_mps2 / UG_MPS2, best.time_s)
+    grid = {
+        tuple(np.clip([value * factor for value, factor in zip(at, factors, strict=True)], *_BOUNDS).tolist())
+        for factors in itertools.product(_SIZES, _SIZES, _TIMES)
+    }
+    made = [_wander(*values) for values in sorted(grid)]
+    found = np.array([likelihood(wander) for wander in made])
+    weights = np.exp(found - found.max())
+    weights /= weights.sum()
+    return tuple(
+        (wander, weight) for wander, weight in zip(made, weights.tolist(), strict=True) if weight > 1e-4
+    )
 
 
 def lag_correlation(innovations: Array) -> float:

@@ -10,6 +10,7 @@ degree is a screening figure; the Kalman gain ratio (prior over posterior sigma)
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from bench.analysis.calibration._conventions import (
     UNIT_SIZE,
     Task,
 )
+from bench.analysis.calibration._expected import expected_innovations, still_table
 from bench.analysis.calibration._model import observability_matrix
 from bench.analysis.calibration._schedule import Schedule, home_text, moves_text
 from bench.analysis.calibration._search import Merit, merit_of
@@ -99,6 +101,13 @@ class Evaluation:
         """The cautions after the targets missed, if any."""
         return (*missed_targets(self.sigma[PARAMETERS], self.task), *self.cautions)
 
+    @cached_property
+    def still_innovations(self) -> Array:
+        """Rms of innovations to expect at each position, (positions,), on a table that does not move; 1 if it
+        jitters as told.
+        """
+        return expected_innovations(self.task, self.schedule, still_table(self.task.noise))
+
     @property
     def gain(self) -> Array:
         """Kalman gain ratio, prior over posterior sigma, shape (30,)."""
@@ -120,6 +129,7 @@ class Evaluation:
             "worst_sigma_over_target": self.merit.worst,
             "rms_sigma_over_target": self.merit.rms,
             "rank": self.degrees.rank,
+            "innovations_still_table": float(np.sqrt(np.mean(self.still_innovations**2))),
             "states": [self._state(number) for number in range(len(STATE_NAMES))],
             "poorly_seen": [
                 {"remaining": combination.remaining, "shares": dict(combination.shares)}

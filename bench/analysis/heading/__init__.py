@@ -11,7 +11,10 @@ from bench.analysis.heading._files import (
 )
 from bench.analysis.heading._lagged import Form, LaggedModel, regressors
 from bench.analysis.heading._log import PlatformLog, stays
+from bench.analysis.heading._modulus import ModulusTest
 from bench.analysis.heading._nine import NineCoefficients, integrate
+from bench.analysis.heading._second import SecondChoice
+from bench.analysis.heading._settling import Settling
 from bench.analysis.heading._study import HeadingStudy, Judgement, judge, study_heading, without_start
 from bench.analysis.heading._temperature import fit_reference
 
@@ -22,9 +25,12 @@ __all__ = [
     "HeadingStudy",
     "Judgement",
     "LaggedModel",
+    "ModulusTest",
     "NineCoefficients",
     "PlatformLog",
     "PositionCorrector",
+    "SecondChoice",
+    "Settling",
     "checksum_of_log",
     "fit_reference",
     "integrate",

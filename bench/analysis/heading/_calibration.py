@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.analysis.heading._frames import position_rows
 from bench.analysis.heading._log import PlatformLog, Stay, stays
@@ -43,7 +44,8 @@ class Calibration:
     """A run on a uniform grid, as normal equations.
 
     `grid` is the log resampled; columns of drift regressors are their running integrals, seen through the
-    position rows at the time the platform shows them (`delay_s`), in means of `priors.block_s`.
+    position rows at the time the platform shows them (`delay_s`), in means of `priors.block_s`. `values`
+    (rows,) are the means times `scale` (rows,), by which the noise has a standard deviation of 1.
     """
 
     def __init__(self, log: PlatformLog, priors: Priors) -> None:
@@ -66,8 +68,8 @@ class Calibration:
         ]
         # A block with gaps is a mean of fewer samples of correlated noise: it counts by its share.
         share = np.sqrt(np.clip(self._count / self._block, 0.0, 1.0)) / priors.noise_as
-        self._scale = np.concatenate([share, share])
-        self.values = np.concatenate(values) * self._scale
+        self.scale = np.concatenate([share, share])
+        self.values = np.concatenate(values) * self.scale
 
     def angles(self, drivers: Array) -> Array:
         """Return scaled columns, (rows, 3 k), of misalignments that run as `drivers` (n, k) on each axis.
@@ -82,7 +84,7 @@ class Calibration:
         for channel in self._channels:
             product = channel[:, :, None] * drivers[:, None, :]
             rows.append(self._mean(product.reshape(len(product), -1)))
-        return np.asarray(np.concatenate(rows) * self._scale[:, None])
+        return np.asarray(np.concatenate(rows) * self.scale[:, None])
 
     def drifts(self, drivers: Array) -> Array:
         """Return scaled columns, (rows, 3 k), of drifts that run as `drivers` (n, k) on each axis."""
@@ -123,6 +125,13 @@ class Calibration:
                 indicators[stay.start : stay.stop, column] = 1.0
         return indicators
 
+    def rows_of(self, stay: Stay) -> NDArray[np.bool_]:
+        """Return which rows have samples of a stay, (rows,)."""
+        inside = np.zeros(len(self.grid.time_s))
+        inside[stay.start : stay.stop] = 1.0
+        touched = self._sum(inside) > 0.0
+        return np.concatenate([touched, touched])
+
     def _mean(self, columns: Array) -> Array:
         weighted = self._sum(columns * self._weight[:, None])
         return np.asarray(weighted / np.maximum(self._count, 1.0)[:, None])
@@ -144,7 +153,6 @@ def uniform(log: PlatformLog) -> PlatformLog:
     A log that is uniform already comes back as it is, save for missing temperatures. Raises RecordError where
     the grid would be absurdly long.
     """
-    known = np.isfinite(log.temp_c)
     step_s = float(np.median(np.diff(log.time_s)))
     count = round((log.time_s[-1] - log.time_s[0]) / step_s) + 1
     if count > _MOST_ROWS:
@@ -162,11 +170,17 @@ def uniform(log: PlatformLog) -> PlatformLog:
         sidereal_rad=np.interp(time_s, log.time_s, log.sidereal_rad),
         north_as=np.where(present, log.north_as[nearest], np.nan),
         east_as=np.where(present, log.east_as[nearest], np.nan),
-        temp_c=np.interp(time_s, log.time_s[known], log.temp_c[known]),
+        temp_c=_bridged(time_s, log.time_s, log.temp_c),
         heading_deg=log.heading_deg[nearest],
         latitude_deg=log.latitude_deg,
         delay_s=log.delay_s,
+        second_c=None if log.second_c is None else _bridged(time_s, log.time_s, log.second_c),
     )
+
+
+def _bridged(time_s: Array, measured_s: Array, temp_c: Array) -> Array:
+    known = np.isfinite(temp_c)
+    return np.interp(time_s, measured_s[known], temp_c[known])
 
 
 def _key(stay: Stay) -> int:

@@ -11,6 +11,7 @@ import numpy as np
 from bench.analysis.common.compensation import FittedCompensation, provenance
 from bench.analysis.heading._compensator import HeadingCompensator
 from bench.analysis.heading._lagged import MOST_UNEXPLAINED, Evidence, LaggedModel, regressors
+from bench.analysis.heading._second import SecondSensor, second_terms
 from bench.analysis.heading._temperature import ReferenceTemperature
 from drivers.base.errors import ConfigurationError
 
@@ -58,7 +59,9 @@ class HeadingCompensation(FittedCompensation):
         return HeadingCompensator(self.model, latitude_deg)
 
     def _described(self) -> dict[str, Any]:
-        return {name: getattr(self.model, name) for name in _SAME} | {"evidence": asdict(self.model.evidence)}
+        model = self.model
+        same = {name: getattr(model, name) for name in _SAME}
+        return {**same, "tau_sigma_s": model.tau_sigma_s, "evidence": asdict(model.evidence)}
 
     def _arrays(self) -> dict[str, Any]:
         return {
@@ -67,20 +70,29 @@ class HeadingCompensation(FittedCompensation):
             "reference": asdict(self.model.reference),
             "largest": self.model.largest,
             "swing": self.model.swing,
+            **({"second": asdict(self.model.second)} if self.model.second else {}),
         }
 
     def _trial(self) -> Any:
         model = self.model
         rows = regressors(np.zeros(2), np.zeros(2), 1.0, model.reference, model.tau_s, model.form)
+        if model.second is not None:
+            change = model.second.change(np.zeros(2), np.zeros(2), np.zeros(2))
+            rows = np.concatenate([rows, second_terms(change, np.zeros(2), 1.0 / model.second.tau_s)], axis=1)
         return rows @ model.gain.T
 
     @classmethod
     def _restored(cls, state: dict[str, Any], metadata: dict[str, Any]) -> Self:
+        second = state.get("second")  # not in files until 0.1
+        if second is not None:
+            second = SecondSensor(**{**second, "reference": ReferenceTemperature(**second["reference"])})
         model = LaggedModel(
             gain=state["gain_dph_per_k"],
             sigma=state["sigma_dph_per_k"],
             reference=ReferenceTemperature(**state["reference"]),
             evidence=Evidence(**state["evidence"]),
             **{name: state[name] for name in (*_SAME, "largest", "swing")},
+            tau_sigma_s=float(state.get("tau_sigma_s", 0.0)),  # likewise
+            second=second,
         )
         return cls(str(state.get("unit_id", "")), model, **metadata)  # files until 0.1 said no unit

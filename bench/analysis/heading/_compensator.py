@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from bench.analysis.heading._frames import position_error
 from bench.analysis.heading._lagged import FAST_TAU_S, LaggedModel
+from bench.analysis.heading._second import missing_second
 from bench.analysis.heading._temperature import lag_weights
 from drivers.base.arrays import Array
 from drivers.base.constants import EARTH_RATE_RAD_S
@@ -67,31 +68,46 @@ class HeadingCompensator:
         scale = math.cos(math.radians(latitude)) / math.cos(math.radians(model.latitude_deg))
         self._gain = model.gain.copy()
         self._gain[:, 1:3] *= scale
+        if model.second is not None:
+            self._gain[:, -2:] *= scale
         self._time_s = float("nan")
         self._inputs = (0.0, 0.0)
         self._lags = (0.0, 0.0, 0.0)
+        self._second = (0.0, 0.0)
+        self._second_seen_s = float("-inf")
         self._seen_s = float("-inf")
         self._phi = np.zeros(3)
         self._drift = np.zeros(3)
 
-    def feed(self, time_s: Array, sidereal_rad: Array, temp_c: Array) -> Compensated:
+    def feed(
+        self, time_s: Array, sidereal_rad: Array, temp_c: Array, second_c: Array | None = None
+    ) -> Compensated:
         """Take samples, arrays of shape (n,), later than all before; NaN temperatures are bridged.
 
         A missing temperature holds the last change for 2 h; then the change is let go to zero with the
-        model's own lag. Raises RecordError for time that goes back.
+        model's own lag. `second_c` where the model has a second sensor. Raises RecordError for time that goes
+        back, or without `second_c` where it is needed.
         """
         count = len(time_s)
+        other = np.zeros(count)
+        if self.model.second is not None:
+            if second_c is None:
+                raise missing_second("the compensation")
+            other = self.model.second.change(np.asarray(sidereal_rad), temp_c, second_c)
         expected = self.model.reference.at(np.asarray(sidereal_rad))
         phi, drift, terms = (np.empty((count, size)) for size in (3, 3, len(self.model.terms)))
-        held = np.asarray(~np.isfinite(temp_c))
+        held = np.asarray(~(np.isfinite(temp_c) & np.isfinite(other)))
+        own = len(self.model.terms) - (3 if self.model.second else 0)
         level = self.model.reference.coefficients[0]
         cosine, sine = np.cos(sidereal_rad), np.sin(sidereal_rad)
         for at in range(count):
             now = float(time_s[at])
             change, absolute = self._input(now, float(temp_c[at]), float(expected[at]), float(level))
+            further = self._further(now, float(other[at]))
             x, fast, slow = self._advance(now, change, absolute)
             row = (x, x * cosine[at], x * sine[at], fast - x, slow**2 - (slow - x) ** 2)
-            terms[at] = row[: terms.shape[1]]
+            terms[at, :own] = row[:own]
+            terms[at, own:] = (further, further * cosine[at], further * sine[at])[: terms.shape[1] - own]
             drift[at] = self._gain @ terms[at]
             if self._time_s == self._time_s:
                 self._phi = self._phi + 0.5 * (self._drift + drift[at]) * (now - self._time_s)
@@ -106,6 +122,23 @@ class HeadingCompensator:
             return temp_c - expected_c, temp_c - level_c
         change = self._inputs[0] if now_s - self._seen_s <= HOLD_S else 0.0
         return change, change + expected_c - level_c
+
+    def _further(self, now_s: float, change: float) -> float:
+        """Return the lagged change of the second sensor; called before `_advance`, which moves the time."""
+        if self.model.second is None:
+            return 0.0
+        old, x = self._second
+        if change == change:
+            self._second_seen_s = now_s
+        else:
+            change = old if now_s - self._second_seen_s <= HOLD_S else 0.0
+        if self._time_s != self._time_s:
+            x = change
+        else:
+            a, b, c = lag_weights((now_s - self._time_s) / self.model.second.tau_s)
+            x = a * x + b * old + c * change
+        self._second = (change, x)
+        return x
 
     def _advance(self, now_s: float, change: float, absolute: float) -> tuple[float, float, float]:
         if self._time_s != self._time_s:

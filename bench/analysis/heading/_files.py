@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.heading._frames import earth_rotation_deg
+from bench.analysis.heading._frames import earth_rotation_deg, sidereal_rad
 from bench.analysis.heading._lagged import Form
-from bench.analysis.heading._log import PlatformLog, Site, log_from_positions
+from bench.analysis.heading._log import PlatformLog, Site, WarmUp, log_from_positions, stays
 from bench.analysis.heading._study import HeadingStudy, study_heading
 from bench.record.benchfile import bench_file_from
 from bench.record.exchange import read_table as read_log_table
@@ -25,7 +25,10 @@ from drivers.base.errors import ConfigurationError, RecordError
 
 _ANGLE = ("time_ns", "angle_deg")
 _COLUMNS = ("time_s", "latitude_deg", "longitude_deg", "temp_c", "heading_deg")
-"""What a log needs, and the columns' usual names; `other_temp_c` may be added."""
+"""What a log needs, and the columns' usual names."""
+_FORCE = tuple(f"accelerometer_{axis}_mps2" for axis in "xyz")
+_FURTHER = ("second_temp_c", *_FORCE)
+"""What is read as well where a column has the name, or is given it."""
 
 
 def study_heading_logs(
@@ -117,16 +120,17 @@ def load_log(
 ) -> tuple[PlatformLog, Array | None]:
     """Return (log, other temperature or None) of a log of any format that imports read, or of a run folder.
 
-    `columns` names columns that are not called as in `_COLUMNS`; a `time_ns` column serves as time. Empty cells
-    are missing values, and so is a position that the unit itself called not valid (a column `valid`; it was
-    still aligning). Raises RecordError for a file or column that is not there, or text where a number belongs.
+    `columns` names columns that are not called as in `_COLUMNS` and `_FURTHER`; a `time_ns` column serves as
+    time. Empty cells are missing values, and so is a position that the unit itself called not valid (a column
+    `valid`; it was still aligning). Raises RecordError for a file or column that is not there, or text where a
+    number belongs.
     """
     wanted = {**{name: name for name in _COLUMNS}, **(columns or {})}
-    if unknown := set(wanted) - {*_COLUMNS, "other_temp_c"}:
+    if unknown := set(wanted) - {*_COLUMNS, "other_temp_c", *_FURTHER}:
         raise RecordError(
             "a log has no such quantity",
             found=", ".join(sorted(unknown)),
-            expected=", ".join([*_COLUMNS, "other_temp_c"]),
+            expected=", ".join([*_COLUMNS, "other_temp_c", *_FURTHER]),
         )
     table: Mapping[str, NDArray[Any]]
     if path.is_dir() or url_of(path):
@@ -146,6 +150,9 @@ def load_log(
         # The table's angle at the last telemetry before each row.
         row = np.searchsorted(turned["time_ns"], table["time_ns"], side="right") - 1
         table = {**table, wanted["heading_deg"]: turned["angle_deg"][np.clip(row, 0, None)]}
+    wanted = {**{name: name for name in _FURTHER if name in table}, **wanted}
+    if (force := [name for name in _FORCE if name in wanted]) and len(force) < len(_FORCE):
+        wanted |= {name: name for name in _FORCE if name not in wanted}
     if missing := [name for name in wanted.values() if name not in table]:
         raise RecordError(
             "the log lacks columns",
@@ -156,10 +163,29 @@ def load_log(
         )
     values = {name: np.asarray(table[column], dtype=np.float64) for name, column in wanted.items()}
     other = values.pop("other_temp_c", None)
+    whole = values
     if "valid" in table:
         values = _navigating(values, table["valid"] != 0.0)
         other = None if other is None else other[-len(values["time_s"]) :]
-    return log_from_positions(**values, site=site), other
+    second = values.pop("second_temp_c", None)
+    axes = [values.pop(name) for name in force]
+    log = replace(
+        log_from_positions(**values, site=site),
+        second_c=second,
+        force_mps2=np.stack(axes, axis=1) if axes else None,
+    )
+    return replace(log, warm_up=_warm_up(whole, log, site)), other
+
+
+def _warm_up(whole: Mapping[str, Array], log: PlatformLog, site: Site) -> WarmUp | None:
+    """Return the record from its beginning to the first turn, if it is longer than the log."""
+    if len(whole["time_s"]) == len(log.time_s):
+        return None
+    first = stays(log)
+    stop = len(whole["time_s"]) - len(log.time_s) + (first[0].stop if first else 0)
+    time_s = whole["time_s"][:stop]
+    zero_deg = (site.sidereal_zero_deg or 0.0) + site.longitude_deg
+    return WarmUp(time_s, sidereal_rad(time_s, zero_deg), whole["temp_c"][:stop])
 
 
 def _navigating(values: Mapping[str, Array], valid: NDArray[np.bool_]) -> dict[str, Array]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -19,6 +19,17 @@ from scipy.optimize import minimize_scalar
 from bench.analysis.heading._calibration import Calibration, Priors
 from bench.analysis.heading._log import PlatformLog
 from bench.analysis.heading._nine import too_few_headings
+from bench.analysis.heading._second import (
+    KINDS,
+    TERMS,
+    Kind,
+    SecondChoice,
+    SecondSensor,
+    choose_second,
+    missing_second,
+    reference_of,
+    second_terms,
+)
 from bench.analysis.heading._temperature import ReferenceTemperature, fit_reference, lagged
 from drivers.base.arrays import Array
 
@@ -28,7 +39,10 @@ Cause = Literal["temperature", "unexplained", "heading", "none"]
 FAST_TAU_S = 1800.0
 TAU_RANGE_S = (0.7 * 3600.0, 18.0 * 3600.0)
 LEAST_STAY_S = 2.0 * 3600.0
+_LOG_RANGE = math.log(TAU_RANGE_S[1] / TAU_RANGE_S[0])
+_MIDDLE = 0.5 * math.log(TAU_RANGE_S[0] * TAU_RANGE_S[1])
 _GRID = 12
+_ROUNDS = 6
 _TAU_TOLERANCE = 1e-3
 _LEAST_COST_DROP = 60.0
 """Ten coefficients of noise lower the cost by 10 +- 4.5; this is far outside."""
@@ -87,6 +101,8 @@ class LaggedModel:
 
     `largest` (k,): the largest |regressor| of the calibration, beyond which the model was never tried. `swing`,
     (3, 4): periodic drift at the reference heading, deg/h, on cos, cos 2, sin, sin 2 of the sidereal angle.
+    `tau_sigma_s`: standard deviation of `tau_s`, 0 in files that do not say. `second`: a second temperature whose
+    three regressors are the last; None without.
     """
 
     form: Form
@@ -101,11 +117,13 @@ class LaggedModel:
     evidence: Evidence
     headings: int
     hours: float
+    tau_sigma_s: float = 0.0
+    second: SecondSensor | None = None
 
     @property
     def terms(self) -> tuple[str, ...]:
         """Names of the regressors."""
-        return _NAMES[self.form]
+        return (*_NAMES[self.form], *(TERMS if self.second else ()))
 
 
 def regressors(
@@ -127,36 +145,38 @@ def fit_lagged(
     form: Form = "lag9",
     priors: Priors | None = None,
     reference: ReferenceTemperature | None = None,
+    second: Kind | None = None,
 ) -> LaggedModel:
     """Fit the model to a calibration run that begins at the reference heading.
 
-    `reference` is that of the alignment; None takes it from the first stay of the log. Raises RecordError
-    with fewer than three headings beside the reference or without a sidereal day at it.
+    `reference` is that of the alignment; None takes it from the first stay of the log. `second`: how
+    `log.second_c` enters, None: not at all. Raises RecordError with fewer than three headings beside the
+    reference or without a sidereal day at it.
     """
     run = Calibration(log, priors or Priors())
     others = run.headings().shape[1] if run.stays else 0
     if others < 3:
         raise too_few_headings(others, LEAST_STAY_S)
-    grid = run.grid
-    if reference is None:
-        stop = run.stays[0].stop
-        reference = fit_reference(grid.sidereal_rad[:stop], grid.temp_c[:stop])
-    step_s = float(grid.time_s[1] - grid.time_s[0])
+    inputs = _Inputs(run, form, reference, second)
     columns, sigma = run.background()
     fixed = _Fixed(columns, sigma, run.values)
-    known = reference
-
-    def drivers(tau_s: float) -> Array:
-        return regressors(grid.sidereal_rad, grid.temp_c, step_s, known, tau_s, form)
-
     gain_prior = run.priors.gain_dph_per_k
+    taus = [_MIDDLE, _MIDDLE][: 2 if second else 1]
 
-    def cost(log_tau: float) -> float:
-        return fixed.with_columns(run.drifts(drivers(float(np.exp(log_tau)))), gain_prior).cost
+    def cost_of(index: int) -> Callable[[float], float]:
+        other = [run.drifts(inputs.terms(k, float(np.exp(tau)))) for k, tau in enumerate(taus) if k != index]
 
-    log_tau = _minimum(cost)
-    tau_s = float(np.exp(log_tau))
-    terms = drivers(tau_s)
+        def cost(log_tau: float) -> float:
+            own = run.drifts(inputs.terms(index, float(np.exp(log_tau))))
+            return fixed.with_columns(np.concatenate([own, *other], axis=1), gain_prior).cost
+
+        return cost
+
+    for _ in range(_ROUNDS if second else 1):
+        for index in range(len(taus)):
+            taus[index] = _minimum(cost_of(index))
+    tau_s, *second_s = (float(np.exp(log_tau)) for log_tau in taus)
+    terms = np.concatenate([inputs.terms(k, float(np.exp(tau))) for k, tau in enumerate(taus)], axis=1)
     effect = run.drifts(terms)
     found = fixed.with_columns(effect, gain_prior)
     count = terms.shape[1]
@@ -165,15 +185,58 @@ def fit_lagged(
         gain=found.solution[: 3 * count].reshape(3, count),
         sigma=found.sigma[: 3 * count].reshape(3, count),
         tau_s=tau_s,
-        reference=reference,
+        reference=inputs.reference,
         reference_heading_deg=run.stays[0].heading_deg,
         latitude_deg=log.latitude_deg,
         largest=np.abs(terms).max(axis=0),
         swing=found.solution[-12:].reshape(3, 4) if run.priors.reference_periodic else np.zeros((3, 4)),
         evidence=_evidence(run, fixed, effect, found.cost),
         headings=others,
-        hours=float(grid.time_s[-1] - grid.time_s[0]) / 3600.0,
+        hours=float(run.grid.time_s[-1] - run.grid.time_s[0]) / 3600.0,
+        tau_sigma_s=tau_s * _log_sigma(cost_of(0), taus[0]),
+        second=replace(inputs.second, tau_s=second_s[0]) if inputs.second else None,
     )
+
+
+def choose_input(
+    log: PlatformLog, form: Form = "lag9", reference: ReferenceTemperature | None = None
+) -> SecondChoice | None:
+    """Return whether `log.second_c` is to enter, and how, by stays left out; None for a log without one."""
+    if log.second_c is None:
+        return None
+    run = Calibration(log, Priors())
+    grid = np.geomspace(*TAU_RANGE_S, _GRID).tolist()
+    first = {tau_s: _Inputs(run, form, reference, None).terms(0, tau_s) for tau_s in grid}
+    others = {kind: _Inputs(run, form, reference, kind) for kind in KINDS}
+    seconds = {kind: {tau_s: made.terms(1, tau_s) for tau_s in grid} for kind, made in others.items()}
+    return choose_second(run, first, seconds)
+
+
+class _Inputs:
+    """The regressors of a run at any time constants: 0 those of the temperature, 1 those of a second one."""
+
+    def __init__(
+        self, run: Calibration, form: Form, reference: ReferenceTemperature | None, kind: Kind | None
+    ) -> None:
+        grid = self._grid = run.grid
+        self._form: Form = form
+        self._step_s = float(grid.time_s[1] - grid.time_s[0])
+        stop = run.stays[0].stop
+        angle, temp_c = grid.sidereal_rad[:stop], grid.temp_c[:stop]
+        self.reference = reference or fit_reference(angle, temp_c)
+        self.second: SecondSensor | None = None
+        if kind is not None:
+            if grid.second_c is None:
+                raise missing_second("the calibration log")
+            self.second = SecondSensor(kind, reference_of(kind, angle, temp_c, grid.second_c[:stop]), 1.0)
+            self._change = self.second.change(grid.sidereal_rad, grid.temp_c, grid.second_c)
+
+    def terms(self, index: int, tau_s: float) -> Array:
+        """Return the regressors, (n, k)."""
+        angle = self._grid.sidereal_rad
+        if index:
+            return second_terms(self._change, angle, self._step_s / tau_s)
+        return regressors(angle, self._grid.temp_c, self._step_s, self.reference, tau_s, self._form)
 
 
 def _evidence(run: Calibration, fixed: _Fixed, effect: Array, temperature_cost: float) -> Evidence:
@@ -225,6 +288,12 @@ class _Fixed:
         unit[:count] = np.eye(count)
         variance = np.diag(cho_solve(factor, unit)[:count]) / scale[:count] ** 2
         return _Solution(solution, np.sqrt(variance), self._square - float(right @ solution))
+
+
+def _log_sigma(cost: Callable[[float], float], log_tau: float, step: float = 0.1) -> float:
+    """Return the standard deviation of the logarithm, by how a sum of normalised squares bends about it."""
+    bend = (cost(log_tau + step) + cost(log_tau - step) - 2.0 * cost(log_tau)) / step**2
+    return float(np.sqrt(2.0 / bend)) if bend > 2.0 / _LOG_RANGE**2 else _LOG_RANGE
 
 
 def _minimum(cost: Callable[[float], float]) -> float:

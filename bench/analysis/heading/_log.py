@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,16 @@ from drivers.base.errors import RecordError
 _SAME_HEADING_DEG = 2.0
 _SHORTEST_STAY_S = 600.0
 _COLUMNS = ("time_s", "sidereal_rad", "north_as", "east_as", "temp_c", "heading_deg")
+_FURTHER = ("second_c", "force_mps2")
+
+
+@dataclass(frozen=True, eq=False)
+class WarmUp:
+    """Temperature at one heading from power-on, or from a turn, on: arrays of shape (n,), times increasing."""
+
+    time_s: Array
+    sidereal_rad: Array
+    temp_c: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +34,10 @@ class PlatformLog:
 
     `north_as`, `east_as`: latitude error and cos(latitude) times longitude error, arcsec, NaN where the
     position is missing. `temp_c`: the platform's own temperature, NaN where missing. `latitude_deg`: see
-    `gravitation_latitude_deg`. `delay_s`: by how much a velocity-damped INS shows its misalignment late, 2
-    zeta / Schuler frequency.
+    `gravitation_latitude_deg`. `delay_s`: by how much a velocity-damped INS shows its misalignment late, 2 zeta
+    / Schuler frequency. `warm_up`: what was recorded from power-on to the reference, where that is no part of
+    the log. Of further sensors, where there are any: `second_c` (n,), another temperature; `force_mps2` (n, 3),
+    specific force in the platform's axes.
     """
 
     time_s: Array
@@ -35,9 +48,12 @@ class PlatformLog:
     heading_deg: Array
     latitude_deg: float
     delay_s: float = 0.0
+    warm_up: WarmUp | None = None
+    second_c: Array | None = None
+    force_mps2: Array | None = None
 
     def __post_init__(self) -> None:
-        sizes = {len(getattr(self, name)) for name in _COLUMNS}
+        sizes = {len(column) for column in self._columns().values()}
         if len(sizes) != 1 or len(self.time_s) < 2 or not (np.diff(self.time_s) > 0).all():
             backwards = np.count_nonzero(np.diff(self.time_s) <= 0)
             raise RecordError(
@@ -49,7 +65,11 @@ class PlatformLog:
 
     def part(self, start: int, stop: int) -> PlatformLog:
         """Return rows `start` to `stop`."""
-        return replace(self, **{name: getattr(self, name)[start:stop] for name in _COLUMNS})
+        return replace(self, **{name: column[start:stop] for name, column in self._columns().items()})
+
+    def _columns(self) -> dict[str, Any]:
+        every = {name: getattr(self, name) for name in (*_COLUMNS, *_FURTHER)}
+        return {name: column for name, column in every.items() if column is not None}
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 from bench.analysis.heading._calibration import swings
 from bench.analysis.heading._checks import Finding, check_log, check_phase, refuse_unsound, short_stays
 from bench.analysis.heading._compensator import HeadingCompensator, PositionCorrector
-from bench.analysis.heading._lagged import Form, LaggedModel, fit_lagged
+from bench.analysis.heading._lagged import Form, LaggedModel, choose_input, fit_lagged
 from bench.analysis.heading._log import PlatformLog, Stay, settled, stays
+from bench.analysis.heading._modulus import ModulusTest, modulus_test
 from bench.analysis.heading._nine import NineCoefficients, compensate_nine, fit_nine, integrate
+from bench.analysis.heading._second import SecondChoice
+from bench.analysis.heading._settling import Settling, TimeConstant, settling
 from bench.analysis.heading._window import DEFAULT_WINDOW_S, extract
 from bench.record.shown import Shown
 from drivers.base.arrays import Array
@@ -65,7 +68,8 @@ class DriftCourse:
 class HeadingStudy(Shown):
     """`nine` is None where the stays are too short for the window form; `nine_refused` says why.
 
-    `compensation` is None where temperature is not the cause, and then nothing is judged.
+    Nothing is judged where temperature is not the cause. `second`, `modulus`: of a second temperature and of the
+    accelerometers, None where the log has none.
     """
 
     model: LaggedModel
@@ -74,6 +78,9 @@ class HeadingStudy(Shown):
     findings: tuple[Finding, ...]
     judgements: tuple[Judgement, ...]
     course: DriftCourse
+    settling: Settling
+    second: SecondChoice | None
+    modulus: ModulusTest | None
 
     def shown(self) -> dict[str, object]:
         """Return what drives the drift, and by how much the errors of each log fall."""
@@ -98,8 +105,12 @@ def study_heading(
     """
     findings = check_log(calibration, other_temp_c=other_temp_c)
     refuse_unsound(findings, "calibration log")
-    model = fit_lagged(calibration, form)
-    findings += short_stays(calibration, model.tau_s + window_s)
+    choice = choose_input(calibration, form)
+    model = fit_lagged(calibration, form, second=choice.kind if choice else None)
+    times = settling(calibration, TimeConstant(model.tau_s, model.tau_sigma_s, 0.0))
+    modulus = modulus_test(calibration)
+    findings += [*short_stays(calibration, times.slowest_s + window_s), *times.findings()]
+    findings += modulus.findings() if modulus else []
     nine, refused = None, ""
     try:
         nine = fit_nine(calibration, window_s=window_s)
@@ -108,9 +119,8 @@ def study_heading(
     judged: list[Judgement] = []
     for name, log in {"calibration": calibration, **tests}.items():
         judged += judge(name, log, model, nine, held_out=log is not calibration)
-    return HeadingStudy(
-        model, nine, refused, tuple(findings), tuple(judged), _course(calibration, model, window_s)
-    )
+    course = _course(calibration, model, window_s)
+    return HeadingStudy(model, nine, refused, tuple(findings), tuple(judged), course, times, choice, modulus)
 
 
 def judge(
@@ -129,7 +139,9 @@ def judge(
         rows = slice(first.start, first.stop)
         check_phase(model.reference, log.sidereal_rad[rows], log.temp_c[rows])
     swung = integrate(log.time_s, swings(log.sidereal_rad) @ model.swing.T)
-    done = HeadingCompensator(model, log.latitude_deg).feed(log.time_s, log.sidereal_rad, log.temp_c)
+    done = HeadingCompensator(model, log.latitude_deg).feed(
+        log.time_s, log.sidereal_rad, log.temp_c, log.second_c
+    )
     made: list[tuple[str, Array, float]] = [(model.form, done.phi_as, float(done.outside.mean()))]
     if nine is not None:
         made.append(("nine coefficients", compensate_nine(nine, log), 0.0))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.whirl._angle import Alignment, align_angle
+from bench.analysis.whirl._base import BaseMotion, without_base
 from bench.analysis.whirl._checks import alignment_findings, require_fit_for_whirl, rotation_findings
 from bench.analysis.whirl._types import Finding, TurnRecord
 from bench.record.recording import Run, seconds
@@ -35,11 +36,16 @@ class Turns:
 
 
 def load_turns(
-    run: Run, gyro: str | None = None, *, installation_arcsec: tuple[float, float] = (0.0, 0.0)
+    run: Run,
+    gyro: str | None = None,
+    *,
+    installation_arcsec: tuple[float, float] = (0.0, 0.0),
+    base: BaseMotion | None = None,
 ) -> Turns:
     """Read a run with rotation; `gyro` defaults to the first with axes x, y, z.
 
     `installation_arcsec`: by how much the x and the y gyro lie towards z, as known; taken out of their rates.
+    `base`: how the base moved meanwhile, taken out too.
 
     ConfigurationError if no gyro has three axes; UnfitRotation names a recording that cannot carry a whirl fit.
     """
@@ -58,7 +64,14 @@ def load_turns(
     number = np.arange(len(usable))
     for rate in rate_dps.T:
         rate[~usable] = np.interp(number[~usable], number[usable], rate[usable])
-    angle_rad, alignment = align_angle(edges_s, rate_dps[:, 2], poll_s, table["angle_deg"])
+    moved: list[Finding] = []
+    if base is None:
+        angle_rad, alignment = align_angle(edges_s, rate_dps[:, 2], poll_s, table["angle_deg"])
+    else:
+        rate_dps, angle_rad, alignment, fit = without_base(
+            edges_s, rate_dps, poll_s, table["angle_deg"], base
+        )
+        moved = fit.findings()
     read = TurnRecord(
         run_id=run.manifest.run_id,
         unit_id=run.manifest.unit(name),
@@ -75,7 +88,7 @@ def load_turns(
     record = while_turning(record)
     announced = _announced(run)
     fastest = float(np.degrees(np.median(np.abs(np.diff(record.angle_rad)))) / record.period_s)
-    findings = [*rotation_findings(record, announced)]
+    findings = [*moved, *rotation_findings(record, announced)]
     findings += alignment_findings(alignment, fastest, float(edges_s[-1] - edges_s[0]))
     if missing := int((~record.usable).sum()):
         lost = f"{missing} samples missing or invalid: the blocks of 1 s they lie in were left out"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from bench.analysis.whirl._attitude import (
     uncompensated,
     unit_attitude,
 )
+from bench.analysis.whirl._base import BaseMotion
 from bench.analysis.whirl._change import change_findings
 from bench.analysis.whirl._checks import earth_rate_findings
 from bench.analysis.whirl._compensation import WhirlCompensation
@@ -29,6 +31,7 @@ from bench.analysis.whirl._types import Complex, Finding, TurnRecord
 from bench.record.recording import Run
 from bench.record.shown import Shown
 from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,15 +89,28 @@ def study_whirl_runs(
     *,
     gauge: Gauge,
     installation_arcsec: tuple[float, float] | None = None,
+    bases: Sequence[Path] = (),
 ) -> WhirlStudy:
     """Return the study of recorded runs; `gyro`: default the first with axes x, y, z. Errors as `load_turns`.
 
-    `installation_arcsec`: see `load_turns`; None where it is not known.
+    `installation_arcsec`: see `load_turns`; None where it is not known. `bases`: logs of a base that moved, one
+    for each run, those of `test` last.
     """
     angles = installation_arcsec or (0.0, 0.0)
-    fitted, judging = (
-        [load_turns(run, gyro, installation_arcsec=angles) for run in runs] for runs in (train, test)
-    )
+    if bases and len(bases) != len(train) + len(test):
+        raise ConfigurationError(
+            "the base's logs do not go with the runs",
+            where="--base",
+            found=f"{len(bases)} logs",
+            expected=f"{len(train) + len(test)}, one for each run, those of --test last",
+        )
+    loaded = [BaseMotion.load(path) for path in bases]
+    moves: Sequence[BaseMotion | None] = loaded or [None] * (len(train) + len(test))
+    turns = [
+        load_turns(run, gyro, installation_arcsec=angles, base=base)
+        for run, base in zip((*train, *test), moves, strict=True)
+    ]
+    fitted, judging = turns[: len(train)], turns[len(train) :]
     checksums = {run.manifest.run_id: run.checksum for run in train}
     return study_whirl(
         fitted, judging, gauge=gauge, checksums=checksums, installation_arcsec=installation_arcsec

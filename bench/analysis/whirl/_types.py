@@ -40,6 +40,7 @@ class Finding:
         "change",
         "sense",
         "repeat",
+        "base",
     ]
     text: str
 

@@ -270,5 +270,9 @@ def _print(console: Terminal, evaluation: Evaluation) -> None:
         f"worst sigma/target {evaluation.merit.worst:.3f}, rms {evaluation.merit.rms:.3f}, rank "
         f"{evaluation.degrees.rank} of {len(calibration.STATE_NAMES)}"
     )
+    still = float((evaluation.still_innovations**2).mean() ** 0.5)
+    console.say(
+        f"innovations to expect: {still:.2f} rms on a table that does not move, 1 if it jitters as told"
+    )
     console.say_all(f"poorly seen: {combination}" for combination in evaluation.combinations)
     console.say_all(f"note: {text}" for text in evaluation.warnings)

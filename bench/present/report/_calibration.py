@@ -13,7 +13,7 @@ from bench.present.report._calibration_figures import (
     estimates_over_time,
     heat_map,
 )
-from bench.present.report._numbers import DASH, duration, significant
+from bench.present.report._numbers import DASH, duration, fixed, significant
 from bench.present.report._page import (
     Block,
     Cell,
@@ -25,10 +25,12 @@ from bench.present.report._page import (
     Row,
     Section,
     Table,
+    Tone,
     Verdict,
     named,
 )
 from bench.present.report._parts import made, warnings
+from drivers.base.constants import ARCSEC_PER_RAD
 
 if TYPE_CHECKING:
     from bench.analysis.calibration import Evaluation
@@ -87,6 +89,8 @@ def calibration_page(content: CalibrationContent) -> Page:
             Section("Degrees as turns are added", [_degrees(_first_turns(content.evaluation))]),
             Section("Beside the classical schemes", [_degrees(_others(content.evaluation))]),
             Section("Poorly seen combinations", [Notes(content.poorly_seen)]),
+            Section("Innovations", _innovations(content)),
+            Section("Noise for a navigation filter", _inflation(content)),
             Section("Convergence", [convergence(content)]),
             Section("Estimates over time", estimates_over_time(content)),
             Section("State by position", [heat_map(content)]),
@@ -182,6 +186,47 @@ def _uncertainties(content: CalibrationContent) -> list[Block]:
         "as their certificates have them. Angles of the table are no references of a scheme and add nothing."
     )
     return [Table(heads, rows, caption)] if rows else []
+
+
+def _innovations(content: CalibrationContent) -> list[Block]:
+    """Return the rms of innovations by position: what the schedule leads to expect, and what a record gave."""
+    still, noise = content.evaluation.still_innovations, content.noise
+    up = content.evaluation.schedule.up_axes()
+    heads = ["Position", "Up", ">Still table"]
+    rows: list[list[str | Cell]] = [[up[number], fixed(value, 2)] for number, value in enumerate(still)]
+    caption = (
+        "Rms of innovations over the filter's own sigma, noise as told. Still table: expected where the table "
+        "does not move; 1 is expected where it jitters as told."
+    )
+    if noise is not None and len(noise.innovations) == len(rows) == len(noise.expected):
+        heads += [">This table", ">Record"]
+        caption += " This table: expected with sensors as told and the jitter that the rests show."
+        named_rests = {number for number, _ in noise.disturbed}
+        for number, row in enumerate(rows):
+            tone: Tone = "bad" if number in named_rests else "plain"
+            row += [fixed(noise.expected[number], 2), Cell(fixed(noise.innovations[number], 2), tone)]
+    return [Table(heads, [named(str(number + 1), *row) for number, row in enumerate(rows)], caption)]
+
+
+def _inflation(content: CalibrationContent) -> list[Block]:
+    """Return by how much a navigation filter has to take the noise larger, error by error."""
+    found = content.inflation
+    if found is None:
+        return []
+    heads = ["Error, 1 σ", "Unit"]
+    heads += [f">{part}, {each:g} h" for each in found.hours for part in ("White", "Whole", "Factor")]
+    units = (("heading", "″", ARCSEC_PER_RAD), ("velocity", "m/s", 1.0), ("position", "m", 1.0))
+    rows = []
+    for (name, unit, size), *values in zip(units, found.white, found.whole, found.factors, strict=True):
+        each = [(size * white, size * whole, factor) for white, whole, factor in zip(*values, strict=True)]
+        rows.append(named(name, unit, *(significant(float(value)) for part in each for value in part)))
+    caption = (
+        "Errors of an unaided INS at rest, altitude held, its biases those of this calibration: by white noise, "
+        "and with the wander about their mean. A filter that takes the noise "
+        f"{significant(found.factor)} times as large covers all of them. The record of {found.record_h:.1f} h "
+        "shows no wander slower than itself."
+    )
+    return [Table(heads, rows, caption)]
 
 
 def _degrees(schemes: Mapping[str, Evaluation]) -> Table:

@@ -13,7 +13,14 @@ import numpy as np
 from drivers.base.arrays import Array
 
 if TYPE_CHECKING:
-    from bench.analysis.calibration import BiasWander, CalibrationRun, Estimate, Evaluation, RecordNoise
+    from bench.analysis.calibration import (
+        BiasWander,
+        CalibrationRun,
+        Estimate,
+        Evaluation,
+        Inflation,
+        RecordNoise,
+    )
     from bench.analysis.common.uncertainty import Budget
 
 _SIGMAS = {
@@ -33,9 +40,10 @@ def calibration_model() -> ModuleType:
 class CalibrationContent:
     """What a scheme sees, and with `estimate` what a calibration by it gave.
 
-    `truth` (24,), SI, where the IMU is emulated; `wander` if the filter was told that the biases wander, `noise`
-    what the record shows of its noise, `corrected` if the estimate is with that. `budgets`: of the parameters.
-    Arrays in printed units: by state, shape (30,), by parameter (24,), or by position (positions, 30).
+    `truth` (24,), SI, where the IMU is emulated; `wander` if the filter was told that the biases wander,
+    `noise` what the record shows of its noise, `corrected` if the estimate is with that. `budgets`: of the
+    parameters. `inflation`: of noise for navigation. Arrays in printed units: by state, shape (30,), by
+    parameter (24,), or by position (positions, 30).
     """
 
     evaluation: Evaluation
@@ -47,6 +55,7 @@ class CalibrationContent:
     noise: RecordNoise | None = None
     corrected: bool = False
     budgets: Mapping[str, Budget] = field(default_factory=dict)
+    inflation: Inflation | None = None
 
     @cached_property
     def prior(self) -> Array:

@@ -29,10 +29,19 @@ from bench.present.report._parts import BEFORE_AFTER, before_after, made, warnin
 from bench.present.report._tables import checksum_table
 
 if TYPE_CHECKING:
-    from bench.analysis.heading import HeadingStudy, Judgement, LaggedModel, NineCoefficients
+    from bench.analysis.heading import (
+        HeadingStudy,
+        Judgement,
+        LaggedModel,
+        ModulusTest,
+        NineCoefficients,
+        SecondChoice,
+        Settling,
+    )
 
 _HOUR = 3600.0
 _SIGNIFICANT = 0.05
+_ONE_PERCENT = 0.01
 _AXES = "xyz"
 
 
@@ -57,6 +66,9 @@ def heading_page(
             Section("Reduction of heading sensitivity", _reductions(study.judgements)),
             Section("Temperature and drift", _temperature(study)),
             Section("Lagged model", _lagged(model, model_file)),
+            Section("Time constants", _time_constants(study.settling)),
+            Section("Second temperature", _second(study.second)),
+            Section("Accelerometers", _modulus(study.modulus)),
             Section("Nine coefficients", _nine(study.nine, study.nine_refused)),
             Section("Where the drift comes from", _evidence(study)),
             Section("Provenance", checksum_table(checksums, "Logs and their checksums.")),
@@ -216,6 +228,81 @@ def _lagged(model: LaggedModel, model_file: str) -> list[Block]:
     ]
     facts += [Fact("File", model_file)] if model_file else []
     return [Facts(facts), Table(heads, rows, "Gains of the lagged temperature change x, 1 sigma.")]
+
+
+def _time_constants(found: Settling) -> list[Block]:
+    rows = [
+        named(
+            name,
+            *(
+                (DASH, DASH, DASH)
+                if constant is None
+                else (
+                    fixed(constant.tau_s / _HOUR, 2),
+                    fixed(constant.sigma_s / _HOUR, 2),
+                    fixed(constant.change_k, 2) if constant.change_k else DASH,
+                )
+            ),
+        )
+        for name, constant in (
+            ("Temperature, start-up curve", found.start_up),
+            ("Temperature, after turns", found.turns),
+            ("Drift behind the temperature", found.core),
+        )
+    ]
+    caption = (
+        "How fast the measured temperature settles, by two ways that must agree, and by how much the drift "
+        "follows it. A stay should outlast the slower of the two, and the window. — : the log does not show it."
+    )
+    return [Table(["Of what", ">τ [h]", ">σ [h]", ">Largest change [K]"], rows, caption)]
+
+
+def _second(choice: SecondChoice | None) -> list[Block]:
+    if choice is None:
+        return []
+    if not choice.left_out_as:
+        return [Notes(["Fewer than four stays to leave out: the second temperature is not used."])]
+    names = {
+        "none": "first temperature alone",
+        "temperature": "with the second",
+        "gradient": "with their difference",
+    }
+    stayed = range(len(choice.left_out_as["none"]))
+    heads = ["Input", *(f">Stay {number + 1} [″]" for number in stayed), "Used"]
+    used = choice.kind or "none"
+    rows = [
+        named(names[kind], *(fixed(value, 1) for value in left), "yes" if kind == used else "")
+        for kind, left in choice.left_out_as.items()
+    ]
+    caption = (
+        "Position error that is left on each stay when it is left out of the fit, rms. The simplest input within "
+        "one standard error of the best is used."
+    )
+    return [Table(heads, rows, caption)]
+
+
+def _modulus(test: ModulusTest | None) -> list[Block]:
+    if test is None:
+        return []
+    heads = [
+        "Heading",
+        *(f">{term} [µg]" for name in ("Mean", "Cosine", "Sine") for term in (name, "σ")),
+        ">p",
+    ]
+    rows = []
+    limit = _ONE_PERCENT / len(test.p_value)
+    for heading, change, sigma, p_value in zip(
+        test.headings_deg, test.change_ug, test.sigma_ug, test.p_value, strict=True
+    ):
+        values = [fixed(value, 2) for value in np.stack((change, sigma), axis=1).ravel()]
+        tone: Tone = "bad" if p_value < limit else "plain"
+        rows.append(named(f"{fixed(heading, 0)}°", *values, Cell(significant(p_value), tone)))
+    caption = (
+        "Change of the modulus of specific force from the reference heading, over the sidereal angle. No tilt "
+        "changes it: what is found is the accelerometers' own error. A heading is called changed below "
+        f"p = {limit:.2g}."
+    )
+    return [Table(heads, rows, caption)]
 
 
 def _nine(nine: NineCoefficients | None, refused: str) -> list[Block]:

@@ -143,4 +143,7 @@ def plain() -> SimpleNamespace:
         covariance=kalman_covariance,
         null_space_degree=null_space_degree,
         skew=skew,
+        second=second,
+        turn_matrix=turn_matrix,
+        kept=KEPT,
     )

@@ -73,7 +73,7 @@ def test_a_record_is_judged_and_its_sigmas_are_then_true(name: str) -> None:
     task, schedule, options = Task(), scheme(), Options(alignment_s=48.0)
     data, truth = record(task, schedule, (AS_TOLD | WRONG)[name], 3)
     first = estimate(data, task, options, schedule)
-    shown = record_noise(data, task, options, first)
+    shown = record_noise(data, task, options, first, schedule)
     found = estimate(data, replace(task, noise=shown.found), replace(options, wander=shown.wander), schedule)
     error = found.parameters - truth
     nees = float(error @ np.linalg.solve(found.covariance, error)) / 24.0

@@ -13,6 +13,7 @@ from bench.analysis.calibration._navigation import Increments, align, navigate
 from benchmarks._turned_imu import Rest, Turn, measure_motion
 from drivers.base.constants import gravity_mps2
 from drivers.base.errors import ConfigurationError
+from simulators.plant.ground import Ground, GroundParameters
 from simulators.plant.imu import ImuErrors, ImuNoise, ImuUnit, imu_errors, imu_noise
 from simulators.plant.lab_plant import LabPlant, PlantConfig, UnitConfig
 from simulators.plant.noise import NoiseSource
@@ -126,3 +127,60 @@ def test_a_lab_has_an_imu_on_two_axes_and_refuses_there_what_it_cannot_turn():
     assert force[1] == pytest.approx(9.80, abs=0.03)
     with pytest.raises(ConfigurationError, match="needs a table of one axis that points up"):
         LabPlant(PlantConfig(axes=axes, units=(UnitConfig("ins", model="ins_triad"),)))
+
+
+FIELD = GroundParameters(sway_mps=3e-3, sway_hz=0.2, step_mps=2e-3, steps_per_min=6.0)
+
+
+def test_what_accelerometers_gain_in_the_field_is_the_grounds_velocity():
+    """Turned back into level axes by the table's own angle, increments add up to what the ground moves at."""
+    pier = Ground(FIELD, NoiseSource(4, "ground"))
+    records = []
+    for ground in (pier, None):
+        unit, (outer, _) = made(("east", "up"), ground=ground)
+        outer.demand_turn(60.0, 90.0, 10.0)
+        records.append(record(unit, 200.0).velocity_mps)
+    gained = records[0] - records[1]
+    level = np.cumsum(gained[:6000], axis=0)  # at rest, but for 0.05 deg of mounting
+    ends = 0.01 * np.arange(6001)
+    moved = pier.velocity_mps(ends)
+    np.testing.assert_allclose(level, moved[1:] - moved[0], atol=5e-5)
+    # after a quarter turn about east, north lies along -z of the unit and up along its y
+    part = slice(10_000, 20_000)
+    turned = np.cumsum(gained[part], axis=0)
+    moved = pier.velocity_mps(0.01 * np.arange(10_000, 20_001))
+    later = moved[1:] - moved[0]
+    np.testing.assert_allclose(turned, np.column_stack([later[:, 0], later[:, 2], -later[:, 1]]), atol=5e-5)
+
+
+def test_a_pier_sways_at_its_frequency_and_a_still_one_not_at_all():
+    wind = Ground(GroundParameters(sway_mps=3e-3, sway_hz=0.2), NoiseSource(4, "ground"))
+    times = 0.5 * np.arange(40_000)
+    velocity = wind.velocity_mps(times)
+    assert velocity[:, :2].std(axis=0) == pytest.approx(3e-3, rel=0.1)
+    assert not velocity[:, 2].any()
+    power = np.abs(np.fft.rfft(velocity[:, 0])) ** 2
+    frequency = np.fft.rfftfreq(len(times), 0.5)
+    near = np.abs(frequency - 0.2) < 0.03
+    assert power[near].sum() > 0.95 * power.sum()
+    assert GroundParameters().still and GroundParameters(step_mps=1.0).still and not FIELD.still
+    # velocity is a function of time, however it is asked for
+    np.testing.assert_array_equal(wind.velocity_mps(times[100:110]), velocity[100:110])
+
+
+def test_steps_come_as_often_as_told_and_ring_down():
+    people = Ground(GroundParameters(step_mps=2e-3, steps_per_min=3.0, step_hz=5.0), NoiseSource(9, "ground"))
+    times = 0.01 * np.arange(600_000)
+    up = people.velocity_mps(times)[:, 2]
+    ring_s = 20.0 / (2.0 * math.pi * 5.0)
+    # each push has the energy of its ringing: a^2 ring / 4, a quarter of it upwards by half the velocity
+    energy = (1e-3) ** 2 * ring_s / 4.0
+    assert 0.01 * np.sum(up**2) / energy == pytest.approx(3.0 * 100.0, rel=0.25)
+    parts = np.concatenate([people.velocity_mps(times[k : k + 777])[:, 2] for k in range(0, 30_000, 777)])
+    np.testing.assert_allclose(parts, up[: len(parts)], atol=1e-9)
+
+
+def test_larger_errors_are_the_same_ones_times_the_scale():
+    one, ten = imu_errors(5, False), imu_errors(5, False, 10.0)
+    for name in ("eps_rad_s", "nabla_mps2", "kg", "ka", "k2_s2pm"):
+        np.testing.assert_allclose(getattr(ten, name), 10.0 * getattr(one, name), rtol=1e-12)

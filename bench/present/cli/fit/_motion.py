@@ -30,6 +30,10 @@ def whirl(
         tuple[float, float] | None,
         Option(help="known angles of the x and of the y gyro towards z; taken out of their rates"),
     ] = None,
+    base: Annotated[
+        list[Path] | None,
+        Option(help="rate of a base that moves, from a reference on it; one log for each run, in order"),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Fit the whirl of a rotating INS from gyro and angle.
@@ -48,7 +52,9 @@ def whirl(
     with console.status("fitting whirl"):
         fitted, judging = opened[: len(runs)], opened[len(runs) :]
         named = cast("Gauge", gauge)
-        study = study_whirl_runs(fitted, judging, gyro, gauge=named, installation_arcsec=installation_arcsec)
+        study = study_whirl_runs(
+            fitted, judging, gyro, gauge=named, installation_arcsec=installation_arcsec, bases=base or ()
+        )
     with saved_together(out) as part:
         study.compensation.save(part / WHIRL_FILE)
         write_report(part / REPORT_FILE, whirl_page(study, opened, part / WHIRL_FILE))
@@ -175,7 +181,41 @@ def heading_effect(
     ]
     console.table(("log", "model", "before arcmin", "after arcmin", "reduction %"), rows)
     console.say(f"reduction to expect at other headings: at least {evidence.least_reduction_percent:.0f} %")
-    console.say(f"time constant {study.model.tau_s / 3600.0:.2f} h; files in {out}")
+    for text in _heading_texts(study):
+        console.say(text)
+    console.say(f"files in {out}")
+
+
+def _heading_texts(study: HeadingStudy) -> list[str]:
+    """Say the time constants, what became of a second temperature, and what the accelerometers show."""
+    found = study.settling
+    heat = [
+        f"{constant.tau_s / 3600.0:.2f} +- {constant.sigma_s / 3600.0:.2f} h {where}"
+        for constant, where in ((found.start_up, "from the start-up curve"), (found.turns, "after turns"))
+        if constant is not None
+    ]
+    core = found.core
+    texts = [
+        f"time constants: the drift follows the temperature by {core.tau_s / 3600.0:.2f} +- "
+        f"{core.sigma_s / 3600.0:.2f} h; the temperature settles with "
+        + (" and ".join(heat) or "one not shown")
+    ]
+    if study.second is not None:
+        used = {None: "is not used", "temperature": "is used", "gradient": "is used, less the first"}
+        left = [
+            f"{name} {float((values**2).mean() ** 0.5):.1f}"
+            for name, values in study.second.left_out_as.items()
+        ]
+        why = (
+            f"arcsec left on stays left out: {', '.join(left)}"
+            if left
+            else "fewer than four stays to judge by"
+        )
+        texts.append(f"second temperature {used[study.second.kind]} ({why})")
+    if study.modulus is not None:
+        word = "goes with heading" if study.modulus.changed else "does not depend on heading"
+        texts.append(f"modulus of specific force {word} (least p {study.modulus.p_value.min():.2g})")
+    return texts
 
 
 def _heading_facts(study: HeadingStudy) -> dict[str, object]:
@@ -186,6 +226,13 @@ def _heading_facts(study: HeadingStudy) -> dict[str, object]:
         "cause": study.model.evidence.cause,
         "least_reduction_percent": study.model.evidence.least_reduction_percent if caused else None,
         "tau_h": study.model.tau_s / 3600.0 if caused else None,
+        "time_constants_h": {
+            name: None if constant is None else [constant.tau_s / 3600.0, constant.sigma_s / 3600.0]
+            for name in ("start_up", "turns", "core")
+            for constant in (getattr(study.settling, name),)
+        },
+        "second": None if study.second is None else study.second.kind or "none",
+        "modulus_changed": None if study.modulus is None else study.modulus.changed,
         "logs": [{key: getattr(row, key) for key in keys} for row in study.judgements],
         "findings": [f"{finding.what}: {finding.consequence}" for finding in study.findings],
     }

@@ -180,6 +180,7 @@ def calibration(
             noise=result.noise,
             corrected=result.corrected,
             budgets=result.budgets,
+            inflation=result.inflation,
         )
     _keep(console, out, result, content)
 
@@ -201,6 +202,12 @@ def _keep(console: Terminal, out: Path, result: Calibration, content: Calibratio
         compensation=compensation.describe(),
         uncertainty={name: budget.half_width for name, budget in content.budgets.items()},
         innovation_rms=result.estimate.innovation_rms,
+        inflation={
+            "factor": result.inflation.factor,
+            "hours": result.inflation.hours,
+            **dict(zip(result.inflation.errors, result.inflation.factors.tolist(), strict=True)),
+        },
+        innovations={"told": result.noise.innovations, "expected": result.noise.expected},
         poorly_seen=content.poorly_seen,
         warnings=content.warnings,
         folder=out,
@@ -223,5 +230,15 @@ def _print(console: Terminal, estimate: Estimate, content: CalibrationContent) -
         grid.add_row(*cells, style="red" if sigma > target else "")
     console.print(grid)
     console.say(f"innovations rms {estimate.innovation_rms:.3f} (1 if the noise is as assumed)")
+    if (noise := content.noise) is not None:
+        told, due = (sum(rms**2 for rms in part) ** 0.5 for part in (noise.innovations, noise.expected))
+        count = len(noise.expected) ** 0.5
+        console.say(
+            f"with the noise told {told / count:.2f}; the schedule predicts {due / count:.2f} on this table"
+        )
+    if content.inflation is not None:
+        console.say(
+            f"for 10 h of navigation a filter has to take the noise {content.inflation.factor:.1f} times as large"
+        )
     console.say_all(f"poorly seen: {text}" for text in content.poorly_seen)
     console.say_all(f"note: {text}" for text in content.warnings)

@@ -1,0 +1,165 @@
+"""A base that moves: its rate, recorded by a reference on it, is taken out of the gyros that turn.
+
+The gyros feel the base's rate W in axes that turn with the table: (Wx + j Wy) e^(-j psi) about x and y, Wz
+about z. The reference's mean is taken off first, since its bias and the Earth's rate stay for the fit, as on a
+base that stands. By how much its clock is late, and how its axes lie and scale against the gyros (a complex
+coefficient for each of its three), is found from the record: the base moves by what the table does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bench.analysis.whirl._angle import Alignment, align_angle
+from bench.analysis.whirl._types import Complex, Finding, UnfitRotation
+from bench.record.exchange import read_table
+from drivers.base.arrays import Array
+from drivers.base.errors import RecordError
+
+COLUMNS = ("time_s", "base_rate_x_dps", "base_rate_y_dps", "base_rate_z_dps")
+_ROUNDS = 6
+_PARTS = 8
+_MOST_DELAY_S, _SETTLED_S = 1.0, 1e-6
+_MOST_YAW = 0.02
+"""Rate of the base about z against the table's: beyond it the whirl's own tilt on it is no longer small."""
+
+
+@dataclass(frozen=True, eq=False)
+class BaseMotion:
+    """Rate of the base in its own axes (those of the unit at angle 0), deg/s (m, 3), at bench times (m,)."""
+
+    time_s: Array
+    rate_dps: Array
+
+    @classmethod
+    def load(cls, path: Path) -> BaseMotion:
+        """Read a log of any format that imports read; RecordError for words, gaps or time that goes back."""
+        table = read_table(path, COLUMNS)
+        values = np.column_stack([table.columns[name] for name in COLUMNS])
+        steps = np.diff(values[:, 0])
+        if table.words or not np.isfinite(values).all() or not (steps > 0.0).all():
+            raise RecordError(
+                "the base's log cannot be used",
+                where=str(path),
+                found=f"{int((~np.isfinite(values)).sum())} missing, {int((steps <= 0.0).sum())} steps back",
+                expected="numbers in " + ", ".join(COLUMNS) + ", times increasing",
+            )
+        return cls(values[:, 0], values[:, 1:])
+
+    def means(self, edges_s: Array, delay_s: float) -> Array:
+        """Return the mean rate between edges (n + 1,), (n, 3), of a reference stamped late by `delay_s`.
+
+        RecordError where the log does not cover them.
+        """
+        late = edges_s + delay_s
+        if late[0] < self.time_s[0] - 1.0 or late[-1] > self.time_s[-1] + 1.0:
+            raise RecordError(
+                "the base's log does not cover the run",
+                found=f"{self.time_s[0]:.1f} to {self.time_s[-1]:.1f} s",
+                expected=f"{edges_s[0]:.1f} to {edges_s[-1]:.1f} s, in the run's own time",
+                remedy="record the base from before the rotation until after it",
+            )
+        steps = 0.5 * (self.rate_dps[1:] + self.rate_dps[:-1]) * np.diff(self.time_s)[:, None]
+        turned = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+        at = np.stack([np.interp(late, self.time_s, column) for column in turned.T], axis=1)
+        return np.asarray(np.diff(at, axis=0) / np.diff(edges_s)[:, None])
+
+
+@dataclass(frozen=True, eq=False)
+class BaseFit:
+    """How the reference lay on the gyros. `crooked`, complex (3,): what of its x, y, z has to be added, 1.
+
+    `before_dps`, `after_dps`: rms of the gyros' rate in the base's axes about its mean. `yaw_share`: the base's
+    rate about z against the table's.
+    """
+
+    delay_s: float
+    delay_sigma_s: float
+    crooked: Complex
+    before_dps: float
+    after_dps: float
+    yaw_share: float
+
+    def findings(self) -> list[Finding]:
+        """Return what the reference was taken for, and that the base yaws too much where it does."""
+        said = [
+            Finding(
+                "base",
+                f"a base that moves: {3600.0 * self.before_dps:.1f} arcsec/s rms before and "
+                f"{3600.0 * self.after_dps:.1f} after the reference was taken out, which was "
+                f"{1e3 * self.delay_s:.1f} +- {1e3 * self.delay_sigma_s:.1f} ms late",
+            )
+        ]
+        if self.yaw_share > _MOST_YAW:
+            share = 100.0 * self.yaw_share
+            said.append(
+                Finding(
+                    "base", f"the base yaws by {share:.1f} % of the table's rate: lines are off by as much"
+                )
+            )
+        return said
+
+
+def without_base(
+    edges_s: Array, rate_dps: Array, poll_s: Array, poll_deg: Array, base: BaseMotion
+) -> tuple[Array, Array, Alignment, BaseFit]:
+    """Return rates (n, 3) as on a base that stands, table angle in rad (n + 1,), how it was found, and the fit.
+
+    UnfitRotation where the reference cannot be laid on the gyros within a second.
+    """
+    delay_s, found = 0.0, np.zeros(3, np.complex128)
+    period_s = float(edges_s[1] - edges_s[0])
+    for _ in range(_ROUNDS):
+        moved, still_z = _moved(base, edges_s, delay_s), rate_dps[:, 2]
+        angle, alignment = align_angle(edges_s, still_z - moved[:, 2], poll_s, poll_deg)
+        turn = np.exp(0.5j * (angle[1:] + angle[:-1]))
+        felt = (rate_dps[:, 0] + 1j * rate_dps[:, 1]) * turn
+        level = moved[:, 0] + 1j * moved[:, 1]
+        slope = np.gradient(level, period_s)
+        solved = _solve(felt - level, slope, moved)
+        step, found = float(solved[0].real), solved[1:]
+        if abs(step) < _SETTLED_S:
+            break
+        delay_s += float(np.clip(step, -0.5 * _MOST_DELAY_S, 0.5 * _MOST_DELAY_S))
+        if abs(delay_s) > _MOST_DELAY_S:
+            break
+    if abs(delay_s) > _MOST_DELAY_S or not np.isfinite(delay_s):
+        raise UnfitRotation(
+            "the base's log does not fit the gyros",
+            where="--base",
+            found=f"late by {delay_s:.2f} s",
+            expected=f"at most {_MOST_DELAY_S:g} s",
+            remedy="check its clock, its axes (those of the unit at angle 0) and their signs",
+        )
+    parts = np.array_split(np.arange(len(felt)), _PARTS)
+    steps = [_solve((felt - level)[part], slope[part], moved[part])[0].real for part in parts]
+    removed = level + moved @ found
+    rates = rate_dps.copy()
+    left = (felt - removed) / turn
+    rates[:, 0], rates[:, 1], rates[:, 2] = left.real, left.imag, still_z - moved[:, 2]
+    before, after = (
+        float(np.sqrt(np.mean(np.abs(part - part.mean()) ** 2) / 2.0)) for part in (felt, felt - removed)
+    )
+    yaw = float(np.std(moved[:, 2]) / np.degrees(np.median(np.abs(np.diff(angle))) / period_s))
+    sigma_s = float(np.std(steps, ddof=1) / np.sqrt(_PARTS))
+    return rates, angle, alignment, BaseFit(delay_s, sigma_s, found, before, after, yaw)
+
+
+def _moved(base: BaseMotion, edges_s: Array, delay_s: float) -> Array:
+    moved = base.means(edges_s, delay_s)
+    return np.asarray(moved - moved.mean(axis=0))
+
+
+def _solve(left: Complex, slope: Complex, moved: Array) -> Complex:
+    """Return (delay's step, three complex coefficients) of what is left, by least squares; a mean goes free."""
+    one = np.ones(len(left))
+    columns = [slope, *(part * unit for part in (*moved.T, one) for unit in (1.0, 1j))]
+    rows = np.stack(
+        [np.concatenate([column.real, column.imag]) for column in map(np.asarray, columns)], axis=1
+    )
+    values = np.concatenate([left.real, left.imag])
+    solution = np.linalg.lstsq(rows, values, rcond=None)[0]
+    return np.array([solution[0], *(solution[1:7:2] + 1j * solution[2:7:2])])
