@@ -7,10 +7,10 @@ from pathlib import Path
 from bench.analysis.common.state_file import save_file
 from bench.analysis.export._c_header import c_header
 from bench.analysis.export._onnx import lstm_to_onnx
-from bench.analysis.thermal import Compensation, LstmModel, Study
+from bench.analysis.thermal import Compensation, Study
 
 NETWORK_FILE = "lstm.onnx"
-"""Only there if the network was fitted."""
+"""Only there if a network was fitted: the best of them."""
 
 
 def export_study(study: Study, folder: Path) -> Path:
@@ -18,7 +18,6 @@ def export_study(study: Study, folder: Path) -> Path:
     path = folder / "compensation.gyrocomp"
     study.compensation.save(path)
     save_file(folder / "compensation.h", c_header(Compensation.load(path)))
-    network = study.models.get(LstmModel.name)
-    if isinstance(network, LstmModel):
-        save_file(folder / NETWORK_FILE, lstm_to_onnx(network))
+    if study.network is not None:
+        save_file(folder / NETWORK_FILE, lstm_to_onnx(study.network))
     return path

@@ -27,8 +27,8 @@ def cold_shock(
     models: Annotated[
         str | None,
         Option(
-            help="models to fit, separated by commas; default all. A network's settings: lstm:hidden=32+seed=1; "
-            "several seeds show their spread"
+            help="models to fit, separated by commas; default all. A network's settings: "
+            "lstm:hidden=32+seed=1+inputs=t_in/t_out/dt_60/gradient; several seeds show their spread"
         ),
     ] = None,
     jobs: Jobs = None,
