@@ -15,9 +15,15 @@ NETWORK_FILE = "lstm.onnx"
 
 def export_study(study: Study, folder: Path) -> Path:
     """Write compensation.gyrocomp, compensation.h and, if fitted, lstm.onnx; return the compensation's path."""
-    path = folder / "compensation.gyrocomp"
-    study.compensation.save(path)
-    save_file(folder / "compensation.h", c_header(Compensation.load(path)))
+    path = export_compensation(study.compensation, folder)
     if study.network is not None:
         save_file(folder / NETWORK_FILE, lstm_to_onnx(study.network))
+    return path
+
+
+def export_compensation(compensation: Compensation, folder: Path) -> Path:
+    """Write compensation.gyrocomp and compensation.h; return the compensation's path."""
+    path = folder / "compensation.gyrocomp"
+    compensation.save(path)
+    save_file(folder / "compensation.h", c_header(Compensation.load(path)))
     return path

@@ -103,16 +103,16 @@ def run_study(
 
     compensation = compensation_of(chosen)
     networks = [models[score.name] for score in selection if isinstance(models[score.name], LstmModel)]
-    judged = tests or validation
+    judging = tests or validation
     return Study(
         train=tuple(train),
         validation=tuple(validation),
-        tests=tuple(judged),
+        tests=tuple(judging),
         models=models,
         selection=selection,
         compensation=compensation,
         scores={
-            name: tuple(_judged(model, run, compensation.limits) for run in judged)
+            name: tuple(judged(model, run, compensation.limits) for run in judging)
             for name, model in models.items()
         },
         judged_on_chosen=not tests,
@@ -124,7 +124,8 @@ def _apart(runs: list[FeatureRun], count: int) -> tuple[list[FeatureRun], list[F
     return runs[:count], runs[count:]
 
 
-def _judged(model: ThermalModel, run: ThermalRun, limits: Limits) -> Scores:
+def judged(model: ThermalModel, run: ThermalRun, limits: Limits) -> Scores:
+    """Return the figures of a model on a run, inside and outside of the limits apart."""
     features = prepare(run)
     inputs = np.stack([getattr(features, name) for name in FEATURES], axis=-1)
     return evaluate(model.predict(features), run, limits.flags(inputs) > 0)
