@@ -12,9 +12,10 @@ import pytest
 from typer.testing import CliRunner
 
 from bench.analysis.export import export_compensation
-from bench.analysis.thermal import Compensation, ThermalRun, _batch_study, prepare
+from bench.analysis.thermal import Compensation, FeatureRun, ThermalRun, _batch, _batch_study, prepare
 from bench.analysis.thermal._batch import INFLATIONS, Moments, Prior, fit_batch, fit_prior, leave_units_out
 from bench.analysis.thermal._batch_study import run_batch
+from bench.analysis.thermal._evaluate import evaluate
 from bench.analysis.thermal._regression import anchored_errors
 from bench.present.cli._app import app
 from bench.present.report import batch_page, batch_sentence, render_page
@@ -48,6 +49,10 @@ def batch(runs_each: int = 2) -> list[ThermalRun]:
     return [made(unit, number, gain) for unit, gain in GAINS.items() for number in range(runs_each)]
 
 
+def units_of(runs: list[ThermalRun]) -> dict[str, list[FeatureRun]]:
+    return {unit: [prepare(run) for run in runs if run.unit_id == unit] for unit in GAINS}
+
+
 def rows(rng: np.random.Generator, count: int, coefficients: Array, noise: float) -> tuple[Array, Array]:
     terms = rng.normal(size=(count, 3)) * [1.0, 2.0, 4.0]
     terms -= terms.mean(axis=0)
@@ -69,6 +74,54 @@ def test_a_prior_finds_mean_spread_and_noise_of_made_units() -> None:
     covariance = prior.rotation @ np.diag(prior.variance) @ prior.rotation.T
     assert np.diag(covariance) == pytest.approx(sigma**2, abs=0.1)
     assert prior.noise == pytest.approx(0.16, rel=0.05)
+
+
+def test_a_spread_that_rows_hardly_show_is_not_taken_for_less() -> None:
+    """Eight rows of much noise a unit: their expectations alone vary by half of what units do."""
+    rng = np.random.default_rng(8)
+    units = [
+        moments(*rows(rng, 8, np.array([1.0, 1.0, 1.0]) + 0.6 * rng.normal(size=3), 1.5)) for _ in range(500)
+    ]
+    prior = fit_prior(units)
+    sizes = np.diag(prior.rotation @ np.diag(prior.variance) @ prior.rotation.T)
+    assert sizes == pytest.approx([0.36, 0.36, 0.36], abs=0.12)
+    assert prior.noise == pytest.approx(2.25 * 7 / 8, rel=0.1)
+
+
+def test_rows_within_the_window_of_the_means_count_for_one() -> None:
+    fit = fit_batch(units_of(batch()), "multilinear")
+    run = prepare(made("A", 0, 0.6))
+    found = fit.moments([run, run], "bias_dph")
+    assert found is not None and found.rows == pytest.approx(2 * np.count_nonzero(run.weight) / 10.0)
+    assert found.square == pytest.approx(
+        2 * 0.1 * np.var(run.bias_dph[run.weight > 0]) * np.count_nonzero(run.weight)
+    )
+    assert fit.moments([run], "sf_error_ppm") is None
+
+
+def test_a_unit_left_out_is_predicted_by_the_others_and_by_another_run_of_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    fits, owns = [], []
+    fit, model = _batch.fit_batch, _batch.BatchFit.model
+
+    def fitted(units, *rest):  # type: ignore[no-untyped-def]
+        fits.append(sorted(units))
+        return fit(units, *rest)
+
+    def modelled(self, own):  # type: ignore[no-untyped-def]
+        owns.append(tuple(run.run_id for run in own))
+        return model(self, own)
+
+    units = units_of(batch(3))
+    whole = fit_batch(units, "poly3")
+    monkeypatch.setattr(_batch, "fit_batch", fitted)
+    monkeypatch.setattr(_batch.BatchFit, "model", modelled)
+    out = leave_units_out(units, "poly3", whole)
+    assert fits == [sorted(set(GAINS) - {unit}) for unit in GAINS]
+    each = len(INFLATIONS)
+    assert owns[: 1 + 3 * each] == [(), *[("A1",)] * each, *[("A2",)] * each, *[("A0",)] * each]
+    assert [run.run_id for run, _ in out.with_one["bias_dph"][1.0]][:3] == ["A0", "A1", "A2"]
 
 
 def test_a_units_corrections_are_the_best_linear_prediction_of_all_its_rows() -> None:
@@ -109,7 +162,13 @@ def test_one_run_gives_a_new_unit_its_gain_and_none_gives_it_the_batchs_mean() -
     )
     scores = study.scores["multilinear"]["bias_dph"]
     assert scores.with_one < 0.3 * scores.without
-    assert study.judged[1].improvement_pct > study.judged[0].improvement_pct + 5.0
+    for run, score, own in zip(
+        study.tests, study.judged, (study.common, study.compensations["B"]), strict=True
+    ):
+        assert score.stability_dph == evaluate(own.model.predict(prepare(run)), run).stability_dph
+    assert left(made("B", 3, 0.9), study.compensations["B"].model) < 0.5 * left(
+        made("B", 3, 0.9), study.common.model
+    )
     assert 0.9 < study.determined["A"]["bias_dph"] < 5.0
 
 
@@ -143,9 +202,7 @@ def test_the_interval_of_a_unit_with_runs_is_narrower_and_holds_a_further_unit()
 
 def test_the_drift_is_zero_at_the_batchs_reference_whatever_room_a_unit_ran_in() -> None:
     warm = [made("W", number, 1.0, room_c=33.0) for number in range(2)]
-    fit = fit_batch(
-        {unit: [prepare(run) for run in batch() if run.unit_id == unit] for unit in GAINS}, "multilinear"
-    )
+    fit = fit_batch(units_of(batch()), "multilinear")
     nearer = made("W", 5, 1.0, room_c=26.0)
     for own, zero in (([], made("A", 0, 0.6)), (warm, warm[0]), ([*warm, nearer], nearer)):
         model = fit.model([prepare(run) for run in own])
