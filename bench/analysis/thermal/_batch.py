@@ -215,12 +215,9 @@ def fit_prior(units: Sequence[Moments]) -> Prior:
         deltas = list(zip(turned, expected, strict=True))
         crosses = np.sum([unit.cross - unit.terms @ delta for unit, (delta, _) in deltas], axis=0)
         mean = np.asarray(np.linalg.solve(whole.terms, crosses))
-        before = variance
         variance = np.asarray(sum(delta**2 + np.diag(spread) for delta, spread in expected) / len(expected))
         left = sum(_left(unit, mean + delta, spread) for unit, (delta, spread) in deltas)
         noise = max(float(left), _LEAST_VARIANCE * whole.square) / whole.rows
-        if np.allclose(variance, before, rtol=1e-4, atol=1e-6 * float(variance.max())):
-            break
     return Prior(rotation, mean, variance, noise)
 
 
