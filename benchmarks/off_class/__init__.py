@@ -1,7 +1,8 @@
 """The five methods on plants of other physics than their models, beside what is attainable and the goals.
 
     python -m benchmarks off_class                 # the summary
-    python -m benchmarks.off_class.thermal         # one method in full; also heading, rlg, whirl, calibration
+    python -m benchmarks.off_class.thermal         # one method in full; also batch, heading, rlg, whirl,
+                                                   # calibration
 
 The plants in the files that begin with an underscore share no formula with `bench/analysis` or `simulators`.
 """

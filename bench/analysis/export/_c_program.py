@@ -50,8 +50,7 @@ def c_programs(model: ThermalModel) -> tuple[CProgram, ...]:
     own = getattr(model, "c_programs", None)
     if own is not None:
         return tuple(own())
-    # Settings of a network stand after a colon.
-    kind = model.name.partition(":")[0]
+    kind = _kind(model.name)
     if kind not in _PROGRAMS:
         raise ConfigurationError(
             f"the model {model.name!r} has no C form",
@@ -60,6 +59,11 @@ def c_programs(model: ThermalModel) -> tuple[CProgram, ...]:
             remedy="export another model, or add the method to this one",
         )
     return tuple(_PROGRAMS[kind](model.to_state()))
+
+
+def _kind(name: str) -> str:
+    """Return a model's name without a network's settings, which stand after a colon."""
+    return name.partition(":")[0]
 
 
 def _source(name: str) -> str:
@@ -78,7 +82,8 @@ def _lstm(state: Mapping[str, Any]) -> Sequence[CProgram]:
         CConstant("target_scale", weights["target_scale"]),
     ]
     sizes = {"hidden": hidden, "warm_up": int(state["settings"]["warm_up"])}
-    return [CProgram("lstm", _source("lstm.c.j2"), tuple(constants), sizes)]
+    head = "{% set inputs = [" + ", ".join(map(repr, state["settings"]["inputs"])) + "] %}\n"
+    return [CProgram("lstm", head + _source("lstm.c.j2"), tuple(constants), sizes)]
 
 
 def _linear_map(state: Mapping[str, Any]) -> tuple[CConstant, ...]:
@@ -112,7 +117,7 @@ def _mean(state: Mapping[str, Any]) -> Sequence[CProgram]:
     """The parts of a mean, each with its outputs divided by how many there are."""
     parts = []
     for number, part in enumerate(state["parts"]):
-        for program in _PROGRAMS[part["name"]](part["state"]):
+        for program in _PROGRAMS[_kind(part["name"])](part["state"]):
             constants = tuple(
                 replace(constant, values=np.asarray(constant.values) / len(state["parts"]))
                 if constant.name in _SCALED

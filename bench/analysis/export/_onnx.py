@@ -1,9 +1,9 @@
 """The LSTM as an ONNX file, written with no ONNX package: the protobuf wire format by hand.
 
 Sources: protocol buffers wire format (varint and length-delimited fields); onnx.proto3 of ONNX IR version 7
-for the field numbers; operator LSTM-14 for gate order (i, o, f, c) and shapes. The graph takes raw inputs in
-physical units, keeps the state outside (h0, c0 in; h1, c1 out) and leaves the sequence length free, so the
-same file runs a whole run or one step at a time.
+for the field numbers; operator LSTM-14 for gate order (i, o, f, c) and shapes. The graph takes all four features
+in physical units, those included that only the prediction interval needs. It keeps the state outside (h0, c0 in;
+h1, c1 out) and leaves the sequence length free, so the same file runs a whole run or one step at a time.
 """
 
 from __future__ import annotations
@@ -11,8 +11,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
+from bench.analysis.thermal._compensation import Compensation
 from bench.analysis.thermal._lstm import LstmModel
+from bench.analysis.thermal._stream import FEATURES, Limits
+from bench.analysis.thermal._width import LEAST_RANGE, LEVEL, PER_EXCESS, TERMS, PredictionWidth
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
@@ -23,19 +27,31 @@ _ATTRIBUTE_INT = 2
 _VARINT, _BYTES = 0, 2
 
 
-def lstm_to_onnx(model: LstmModel) -> bytes:
-    """Return the fitted network as ONNX bytes.
+def lstm_to_onnx(compensation: Compensation) -> bytes:
+    """Return the network of a compensation as ONNX bytes.
 
-    Inputs `features` (steps, 1, 3) in the order t_in degC, dt_60 degC/min, gradient degC; `h0`, `c0` (1, 1,
-    hidden). Outputs `drift` (steps, 1, 2) in deg/h and ppm; `h1`, `c1`. Start with h0 = c0 = 0 and feed the
-    first sample `warm_up` times (in the metadata) before the run. ConfigurationError for an unfitted model, and
-    for a weight that is no number.
+    Inputs `features` (steps, 1, 4) in the order t_in degC, t_out degC, dt_60 degC/min, gradient degC, of which
+    the network takes its own; `h0`, `c0` (1, 1, hidden). Outputs `drift` (steps, 1, 2) in deg/h and ppm; `h1`,
+    `c1`; and, if the compensation has prediction intervals, `half_width` (steps, 1, 2) in deg/h and ppm, as a
+    stream of it gives them. Start with h0 = c0 = 0 and feed the first sample `warm_up` times
+    (in the metadata) before the run.
+    ConfigurationError for a model that is no fitted network, and for a weight that is no number.
     """
-    weights, n = model.weights, model.weights.hidden
+    model = compensation.model
+    if not isinstance(model, LstmModel):
+        raise ConfigurationError(
+            f"the model {model.name!r} has no ONNX form",
+            where="ONNX export",
+            found=f"a compensation of unit {compensation.unit_id} by {model.name}",
+            expected="one by a network, lstm",
+            remedy="take the C header, which every model has",
+        )
+    weights, n, seen = model.weights, model.weights.hidden, model.settings.inputs
     w_input, w_hidden, bias = (
         _reordered(rows, n) for rows in (weights.w_input, weights.w_hidden, weights.bias)
     )
-    initialisers = {
+    initialisers: dict[str, Array | NDArray[np.int64]] = {
+        "seen": np.array([FEATURES.index(name) for name in seen]),
         "input_low": weights.input_low,
         "input_slope": 2.0 / (weights.input_high - weights.input_low),
         "one": np.ones(1),
@@ -48,7 +64,8 @@ def lstm_to_onnx(model: LstmModel) -> bytes:
         "target_mid": weights.target_mid,
     }
     nodes = [
-        _node("Sub", ["features", "input_low"], ["shifted"]),
+        _node("Gather", ["features", "seen"], ["inputs"], {"axis": 2}),
+        _node("Sub", ["inputs", "input_low"], ["shifted"]),
         _node("Mul", ["shifted", "input_slope"], ["stretched"]),
         _node("Sub", ["stretched", "one"], ["normalised"]),
         _node("LSTM", ["normalised", "W", "R", "B", "", "h0", "c0"], ["y", "h1", "c1"], {"hidden_size": n}),
@@ -58,8 +75,13 @@ def lstm_to_onnx(model: LstmModel) -> bytes:
         _node("Mul", ["outputs", "target_scale"], ["scaled"]),
         _node("Add", ["scaled", "target_mid"], ["drift"]),
     ]
-    inputs = [_value("features", "steps", 1, 3), _value("h0", 1, 1, n), _value("c0", 1, 1, n)]
+    inputs = [_value("features", "steps", 1, len(FEATURES)), _value("h0", 1, 1, n), _value("c0", 1, 1, n)]
     outputs = [_value("drift", "steps", 1, 2), _value("h1", 1, 1, n), _value("c1", 1, 1, n)]
+    if compensation.width is not None:
+        constants, more = _width(compensation.width, compensation.limits)
+        initialisers |= constants
+        nodes += more
+        outputs.append(_value("half_width", "steps", 1, 2))
     graph = b"".join(
         [
             *(_field(1, node) for node in nodes),
@@ -72,8 +94,14 @@ def lstm_to_onnx(model: LstmModel) -> bytes:
     )
     metadata = {
         "warm_up": str(model.settings.warm_up),
-        "inputs": "t_in_degc,dt_60_degc_per_min,gradient_degc",
+        "features": "t_in_degc,t_out_degc,dt_60_degc_per_min,gradient_degc",
+        "inputs": ",".join(seen),
         "outputs": "bias_dph,sf_error_ppm",
+        "model": model.name,
+        "unit_id": compensation.unit_id,
+        "interval": "none: no runs were left out of fits of this network"
+        if compensation.width is None
+        else f"half_width: {LEVEL:.0%} of means of 100 s, noise included",
         "input_low": ",".join(repr(float(v)) for v in weights.input_low),
         "input_high": ",".join(repr(float(v)) for v in weights.input_high),
     }
@@ -84,6 +112,39 @@ def lstm_to_onnx(model: LstmModel) -> bytes:
     return b"".join(
         [_int_field(1, IR_VERSION), _field(2, b"gyrobench"), _field(7, graph), opset, *properties]
     )
+
+
+def _width(
+    width: PredictionWidth, limits: Limits
+) -> tuple[dict[str, Array | NDArray[np.int64]], list[bytes]]:
+    """Return constants and nodes of `PredictionWidth.half_widths`."""
+    low, high = np.array([limits.inputs[name] for name in FEATURES]).T
+    constants: dict[str, Array | NDArray[np.int64]] = {
+        "range_low": low,
+        "range_high": high,
+        "per_range": PER_EXCESS / np.maximum(high - low, LEAST_RANGE),
+        "zero": np.zeros(1),
+        "last_axis": np.array([2]),
+        "changes": np.array([FEATURES.index(name) for name in TERMS]),
+        "width_base": width.coefficients[:, 0],
+        "width_slopes": width.coefficients[:, 1:].T,
+    }
+    nodes = [
+        _node("Sub", ["range_low", "features"], ["under"]),
+        _node("Sub", ["features", "range_high"], ["over"]),
+        _node("Max", ["under", "zero"], ["below"]),
+        _node("Max", ["over", "zero"], ["above"]),
+        _node("Add", ["below", "above"], ["beyond"]),
+        _node("Mul", ["beyond", "per_range"], ["parts"]),
+        _node("ReduceSum", ["parts", "last_axis"], ["excess"]),
+        _node("Add", ["excess", "one"], ["wider"]),
+        _node("Gather", ["features", "changes"], ["signed"], {"axis": 2}),
+        _node("Abs", ["signed"], ["sizes"]),
+        _node("MatMul", ["sizes", "width_slopes"], ["sloped"]),
+        _node("Add", ["sloped", "width_base"], ["inside"]),
+        _node("Mul", ["inside", "wider"], ["half_width"]),
+    ]
+    return constants, nodes
 
 
 def _reordered(rows: Array, hidden: int) -> Array:

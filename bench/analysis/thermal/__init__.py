@@ -1,5 +1,6 @@
 """Thermal drift: features, scale factor, compensation models and their evaluation."""
 
+from bench.analysis.thermal._batch_study import BatchStudy, study_batch
 from bench.analysis.thermal._compensation import Compensation
 from bench.analysis.thermal._evaluate import Scores
 from bench.analysis.thermal._features import prepare
@@ -8,6 +9,7 @@ from bench.analysis.thermal._study import Study, load_runs, study_folders
 from bench.analysis.thermal._types import FeatureRun, Prediction, Stepper, ThermalModel, ThermalRun
 
 __all__ = [
+    "BatchStudy",
     "Compensation",
     "FeatureRun",
     "LstmModel",
@@ -19,5 +21,6 @@ __all__ = [
     "ThermalRun",
     "load_runs",
     "prepare",
+    "study_batch",
     "study_folders",
 ]

@@ -34,7 +34,7 @@ def anchor_runs(runs: Sequence[FeatureRun], *, reference_temp_c: float | None = 
     common_step(runs)
     terms = [lag_terms(signals(run), with_temperature=True) for run in runs]
     _, scale = standardisation(terms, runs)
-    temps = np.array([_reference_temp_c(run) for run in runs])
+    temps = np.array([room_c(run) for run in runs])
     wanted = float(np.median(temps)) if reference_temp_c is None else reference_temp_c
     anchored = list(runs)
     for target in TARGETS:
@@ -62,6 +62,7 @@ def _run_constants(terms: Array, target: Array, run: NDArray[np.intp], carriers:
     return np.asarray(mean_target - mean_terms @ weights)
 
 
-def _reference_temp_c(run: FeatureRun) -> float:
+def room_c(run: FeatureRun) -> float:
+    """Return the case temperature in the run's reference window, degC."""
     window = in_reference(run)
     return float(run.t_out[window].mean()) if window.any() else float(run.t_out[0])

@@ -54,13 +54,11 @@ class Choice:
     scores: tuple[ModelScore, ...]
     folds: tuple[Fold, ...]
 
-    def left_out(self) -> list[tuple[FeatureRun, Prediction]]:
-        """Return every run with what the model chosen, fitted without it, predicts of it."""
-        names = (
-            [part.name for part in self.model.parts]
-            if isinstance(self.model, MeanModel)
-            else [self.model.name]
-        )
+    def left_out(self, model: ThermalModel) -> list[tuple[FeatureRun, Prediction]]:
+        """Return every run with what a model, fitted without it, predicts of it; empty without such fits."""
+        names = [part.name for part in model.parts] if isinstance(model, MeanModel) else [model.name]
+        if not set(names) <= set(self.folds[0].predictions):
+            return []
         return [
             (run, mean_prediction([fold.predictions[name][number] for name in names]))
             for fold in self.folds

@@ -1,4 +1,4 @@
-"""The recurrent model of the patent: a small LSTM on [T_in, dT, G], applied in plain numpy.
+"""The recurrent model of the patent: a small LSTM on [T_in, dT, G] or other inputs, applied in plain numpy.
 
 Method of patent CN115855016B: inputs min-max normalised to [-1, 1] over the training runs only, one LSTM
 layer, a linear head on [bias, scale factor]. The state starts at zero and is warmed up by repeating the first
@@ -14,7 +14,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from bench.analysis.thermal._lstm_weights import LstmSettings, LstmWeights
+from bench.analysis.thermal._lstm_weights import INPUTS, LstmSettings, LstmWeights
+from bench.analysis.thermal._stream import FEATURES
 from bench.analysis.thermal._types import FeatureRun, Prediction
 from drivers.base.errors import ConfigurationError
 from drivers.base.plugins import from_extra
@@ -27,30 +28,31 @@ class LstmStepper:
     computes goes into arrays made once: a step costs half of what it does written out.
     """
 
-    def __init__(self, weights: LstmWeights, warm_up: int) -> None:
-        self._warm_up = warm_up
+    def __init__(self, weights: LstmWeights, settings: LstmSettings) -> None:
+        self._warm_up = settings.warm_up
+        self._seen = [FEATURES.index(name) for name in settings.inputs]
         self._started = False
         n = weights.hidden
         # sigmoid(x) = (1 + tanh(x / 2)) / 2 never overflows, however far an input is out of range.
         slope = np.repeat([0.5, 0.5, 1.0, 0.5], n)
         scale = 2.0 / (weights.input_high - weights.input_low)
-        offset = weights.bias + weights.w_input @ weights.normalise(np.zeros(3))
+        offset = weights.bias + weights.w_input @ weights.normalise(np.zeros(len(self._seen)))
         self._matrix = slope[:, None] * np.hstack(
             [weights.w_hidden, weights.w_input * scale, offset[:, None]]
         )
         self._half, self._shift = slope, 1.0 - slope
         self._w_output = weights.w_output * weights.target_scale[:, None]
         self._b_output = weights.denormalise(weights.b_output)
-        self._input = np.concatenate([np.zeros(n + 3), [1.0]])
+        self._input = np.concatenate([np.zeros(n + len(self._seen)), [1.0]])
         self._h, self._c, self._work = self._input[:n], np.zeros(n), np.zeros(n)
         self._gates = np.zeros(4 * n)
         self._update, self._forget, self._cell, self._output = self._gates.reshape(4, n)
-        self._at = n
+        self._inputs = self._input[n:-1]
 
     def step(self, t_in: float, t_out: float, dt_60: float, gradient: float) -> tuple[float, float]:
-        """Return (bias_dph, sf_error_ppm) after this sample; `t_out` is not an input of this network."""
-        at = self._at
-        self._input[at : at + 3] = t_in, dt_60, gradient
+        """Return (bias_dph, sf_error_ppm) after this sample."""
+        features = (t_in, t_out, dt_60, gradient)
+        self._inputs[:] = [features[number] for number in self._seen]
         if not self._started:
             self._started = True
             for _ in range(self._warm_up):
@@ -114,26 +116,30 @@ class LstmModel:
 
     def stepper(self) -> LstmStepper:
         """Return a fresh streaming form."""
-        return LstmStepper(self.weights, self.settings.warm_up)
+        return LstmStepper(self.weights, self.settings)
 
     def to_state(self) -> dict[str, Any]:
         """Return settings and weights."""
         weights = self.weights
         return {
-            "settings": asdict(self.settings),
+            "settings": asdict(self.settings) | {"inputs": list(self.settings.inputs)},
             "weights": {item.name: getattr(weights, item.name) for item in fields(weights)},
         }
 
     @classmethod
     def from_state(cls, state: Mapping[str, Any]) -> Self:
         """Restore a fitted model from `to_state`; ValueError if the arrays do not fit together."""
-        model = cls(LstmSettings(**state["settings"]))
+        settings = dict(state["settings"])
+        inputs = tuple(settings.pop("inputs", INPUTS))
+        if not inputs or not set(inputs) <= set(FEATURES) or len(set(inputs)) < len(inputs):
+            raise ValueError(f"inputs {inputs}, not some of {FEATURES}")
+        model = cls(LstmSettings(**settings, inputs=inputs))
         weights = LstmWeights(
             **{key: np.asarray(value, dtype=np.float64) for key, value in state["weights"].items()}
         )
-        n = model.settings.hidden
-        shapes: dict[str, tuple[int, ...]] = {"w_input": (4 * n, 3), "w_hidden": (4 * n, n)}
-        shapes |= {"bias": (4 * n,), "w_output": (2, n), "input_low": (3,), "input_high": (3,)}
+        n, m = model.settings.hidden, len(inputs)
+        shapes: dict[str, tuple[int, ...]] = {"w_input": (4 * n, m), "w_hidden": (4 * n, n)}
+        shapes |= {"bias": (4 * n,), "w_output": (2, n), "input_low": (m,), "input_high": (m,)}
         shapes |= dict.fromkeys(("target_mid", "target_scale", "b_output"), (2,))
         for key, shape in shapes.items():
             if getattr(weights, key).shape != shape:

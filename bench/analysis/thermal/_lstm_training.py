@@ -24,7 +24,7 @@ from drivers.base.arrays import Array
 
 @dataclass(frozen=True)
 class _Batch:
-    """Runs side by side, time first, padded at the end: (steps, runs, 3), then three times (steps, runs, 2).
+    """Runs side by side, time first, padded at the end: (steps, runs, inputs), then three times (steps, runs, 2).
 
     `mask` weighs the samples, `reference` those of them in the run's reference window.
     """
@@ -51,7 +51,7 @@ def train_lstm(
     `device` is torch's name of one, default `compute_device()`. Some training run has a usable sample.
     """
     device = compute_device() if device is None else device
-    low, high = _input_range(train)
+    low, high = _input_range(train, settings.inputs)
     mid, scale = _target_range(train)
     blank = _initial_weights(settings, low, high, mid, scale)
     with _quiet_torch():
@@ -62,8 +62,8 @@ def train_lstm(
         return _read_weights(network, head, blank)
 
 
-def _input_range(train: Sequence[FeatureRun]) -> tuple[Array, Array]:
-    rows = np.concatenate([input_matrix(run)[_usable(run)] for run in train])
+def _input_range(train: Sequence[FeatureRun], inputs: Sequence[str]) -> tuple[Array, Array]:
+    rows = np.concatenate([input_matrix(run, inputs)[_usable(run)] for run in train])
     low, high = rows.min(axis=0), rows.max(axis=0)
     return low, np.where(high > low, high, low + 1.0)
 
@@ -104,7 +104,7 @@ def _initial_weights(
         input_high=high,
         target_mid=mid,
         target_scale=scale,
-        w_input=uniform(4 * n, 3),
+        w_input=uniform(4 * n, len(settings.inputs)),
         w_hidden=uniform(4 * n, n),
         bias=uniform(4 * n),
         w_output=uniform(2, n),
@@ -114,7 +114,8 @@ def _initial_weights(
 
 def _network(weights: LstmWeights) -> tuple[torch.nn.LSTM, torch.nn.Linear]:
     with torch.random.fork_rng(devices=[]):
-        network, head = torch.nn.LSTM(3, weights.hidden), torch.nn.Linear(weights.hidden, 2)
+        network = torch.nn.LSTM(weights.w_input.shape[1], weights.hidden)
+        head = torch.nn.Linear(weights.hidden, 2)
     values = {
         network.weight_ih_l0: weights.w_input,
         network.weight_hh_l0: weights.w_hidden,
@@ -146,13 +147,13 @@ def _read_weights(network: torch.nn.LSTM, head: torch.nn.Linear, blank: LstmWeig
 def _batch(runs: Sequence[FeatureRun], weights: LstmWeights, settings: LstmSettings) -> _Batch:
     """Warm up every run with its first sample, pad at the end; padding and missing samples weigh nothing."""
     length = settings.warm_up + max(run.time_s.size for run in runs)
-    inputs = np.zeros((length, len(runs), 3))
+    inputs = np.zeros((length, len(runs), len(settings.inputs)))
     targets = np.zeros((length, len(runs), 2))
     mask = np.zeros((length, len(runs), 2))
     reference = np.zeros((length, len(runs), 2))
     scale = np.where(weights.target_scale > 0, weights.target_scale, 1.0)
     for index, run in enumerate(runs):
-        rows = weights.normalise(input_matrix(run))
+        rows = weights.normalise(input_matrix(run, settings.inputs))
         stop = settings.warm_up + run.time_s.size
         inputs[: settings.warm_up, index] = rows[0]
         inputs[settings.warm_up : stop, index] = rows

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from bench.analysis.thermal._types import FeatureRun
 from drivers.base.arrays import Array
 
 INPUTS = ("t_in", "dt_60", "gradient")
+"""What the network of the source sees: temperature, its rate and the gradient."""
 
 
 @dataclass(frozen=True)
@@ -17,7 +19,8 @@ class LstmSettings:
     """What a fit does; the defaults are the reference figures of the design notes.
 
     `chunk` is the length in steps of the truncated back-propagation, `warm_up` how often the first sample is
-    fed before the run. Training ends early after `patience` epochs without a better one.
+    fed before the run. Training ends early after `patience` epochs without a better one. `inputs`: which of
+    `FEATURES` the network sees, in this order.
     """
 
     hidden: int = 24
@@ -30,15 +33,16 @@ class LstmSettings:
     weight_decay: float = 1e-5
     seed: int = 0
     patience: int = 40
+    inputs: tuple[str, ...] = INPUTS
 
 
 @dataclass(frozen=True)
 class LstmWeights:
-    """Everything the network needs to run; h = hidden units, gate rows in the order i, f, g, o.
+    """Everything the network needs to run; h = hidden units, m = inputs, gate rows in the order i, f, g, o.
 
-    `input_low`, `input_high` (3,) in the order of `INPUTS`; `target_mid`, `target_scale` (2,) in the order
-    of `TARGETS`; `w_input` (4h, 3), `w_hidden` (4h, h), `bias` (4h,) on the normalised inputs; `w_output`
-    (2, h), `b_output` (2,) give the normalised targets.
+    `input_low`, `input_high` (m,) in the order of the settings' `inputs`; `target_mid`, `target_scale` (2,) in
+    the order of `TARGETS`; `w_input` (4h, m), `w_hidden` (4h, h), `bias` (4h,) on the normalised inputs;
+    `w_output` (2, h), `b_output` (2,) give the normalised targets.
     """
 
     input_low: Array
@@ -57,7 +61,7 @@ class LstmWeights:
         return int(self.w_hidden.shape[1])
 
     def normalise(self, inputs: Array) -> Array:
-        """Map (..., 3) inputs to [-1, 1] over the training range, without clipping outside it."""
+        """Map (..., m) inputs to [-1, 1] over the training range, without clipping outside it."""
         return (inputs - self.input_low) * (2.0 / (self.input_high - self.input_low)) - 1.0
 
     def denormalise(self, outputs: Array) -> Array:
@@ -65,6 +69,6 @@ class LstmWeights:
         return outputs * self.target_scale + self.target_mid
 
 
-def input_matrix(run: FeatureRun) -> Array:
-    """Return the inputs of a run, shape (n, 3), columns as in `INPUTS`."""
-    return np.column_stack([run.t_in, run.dt_60, run.gradient])
+def input_matrix(run: FeatureRun, inputs: Sequence[str]) -> Array:
+    """Return the inputs of a run, shape (n, m), columns as in `inputs`."""
+    return np.column_stack([getattr(run, name) for name in inputs])

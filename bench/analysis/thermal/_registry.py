@@ -29,7 +29,15 @@ from drivers.base.plugins import entry_points_of
 ENTRY_POINT_GROUP = "gyrobench.models"
 
 _SETTINGS = {"hidden": 1, "epochs": 1, "seed": 0}
-"""Settings of the LSTM that its name may carry, and their least value."""
+"""Numbers among the settings of the LSTM that its name may carry, and their least value."""
+_CHANNELS = {
+    "t_in": "the gyro's own temperature",
+    "t_out": "that of its case",
+    "dt_60": "rate of change of t_in",
+    "gradient": "t_in - t_out",
+}
+"""What the network may see: what every model has at run time. A rate is not among them: bias runs stand
+still, and a scale factor is the slope over the rates of a group."""
 _BUILT_IN: Mapping[str, Callable[[], Any]] = {
     "poly3": CubicModel,
     "multilinear": MultilinearModel,
@@ -52,7 +60,7 @@ def model_names() -> tuple[str, ...]:
 def new_model(name: str) -> ThermalModel:
     """Return an unfitted model; ConfigurationError for a name nobody has, or for settings that it does not take.
 
-    "lstm" takes settings after a colon, "lstm:hidden=32+seed=1"; they are part of its name.
+    "lstm" takes settings after a colon, "lstm:hidden=32+seed=1+inputs=t_in/t_out"; they are part of its name.
     """
     if name == MeanModel.name:
         return MeanModel()
@@ -76,18 +84,36 @@ def is_network(name: str) -> bool:
 
 
 def _settings(name: str) -> LstmSettings:
-    given = {}
+    given: dict[str, Any] = {}
     for text in name.partition(":")[2].split("+"):
         setting, _, value = text.partition("=")
+        if setting == "inputs":
+            given[setting] = _inputs(name, value)
+            continue
         if setting not in _SETTINGS or not value.isdecimal() or int(value) < _SETTINGS[setting]:
             raise ConfigurationError(
                 f"a setting that the LSTM does not take: {text!r}",
                 where=name,
-                expected=", ".join(f"{key} of {least} or more" for key, least in _SETTINGS.items()),
-                remedy="write, for example, lstm:hidden=32+seed=1",
+                expected=", ".join(f"{key} of {least} or more" for key, least in _SETTINGS.items())
+                + f", inputs of {'/'.join(_CHANNELS)}",
+                remedy="write, for example, lstm:hidden=32+seed=1+inputs=t_in/t_out/dt_60",
             )
         given[setting] = int(value)
     return LstmSettings(**given)
+
+
+def _inputs(name: str, value: str) -> tuple[str, ...]:
+    wanted = tuple(value.split("/"))
+    unknown = [channel for channel in wanted if channel not in _CHANNELS]
+    if unknown or len(set(wanted)) < len(wanted):
+        raise ConfigurationError(
+            f"an input that the LSTM cannot have: {unknown[0]!r}" if unknown else "an input is named twice",
+            where=name,
+            found=value,
+            expected="some of " + ", ".join(f"{key} ({what})" for key, what in _CHANNELS.items()),
+            remedy="write, for example, lstm:inputs=t_in/t_out/dt_60",
+        )
+    return wanted
 
 
 def restore_model(name: str, state: Mapping[str, Any]) -> ThermalModel:

@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.thermal._types import FeatureRun, Prediction
+from bench.analysis.thermal._types import FeatureRun, Prediction, Stepper
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
@@ -68,6 +68,14 @@ class MappedModel(ABC):
     def __init__(self) -> None:
         self.step_s: float | None = None
         self.map: LinearMap | None = None
+
+    @abstractmethod
+    def fit(self, train: Sequence[FeatureRun], validation: Sequence[FeatureRun]) -> None:
+        """Learn from `train`, choose by `validation`."""
+
+    @abstractmethod
+    def stepper(self) -> Stepper:
+        """Return the model on a stream."""
 
     @abstractmethod
     def run_terms(self, run: FeatureRun) -> Array:

@@ -16,6 +16,7 @@ from bench.analysis.thermal._dataset import load_thermal_runs
 from bench.analysis.thermal._evaluate import Scores, evaluate
 from bench.analysis.thermal._features import prepare
 from bench.analysis.thermal._leave_out import choose
+from bench.analysis.thermal._lstm import LstmModel
 from bench.analysis.thermal._selection import ModelScore, fit_models, score_models
 from bench.analysis.thermal._stream import FEATURES, Limits
 from bench.analysis.thermal._types import FeatureRun, ThermalModel, ThermalRun
@@ -29,6 +30,9 @@ from drivers.base.errors import ConfigurationError
 class Study(Shown):
     """What came out. `scores` holds, for every model, its figures on every test run, in the order of `tests`.
 
+    `network`: the compensation of the best network that was fitted, chosen or not; its width is None where it was
+    too far behind to be fitted without each run.
+
     Without test runs the validation runs stand in `tests` and `judged_on_chosen` says that the figures flatter.
     """
 
@@ -40,6 +44,7 @@ class Study(Shown):
     compensation: Compensation
     scores: dict[str, tuple[Scores, ...]]
     judged_on_chosen: bool
+    network: Compensation | None = None
 
     @property
     def chosen(self) -> str:
@@ -87,25 +92,31 @@ def run_study(
     selection = score_models(models, checks)
     chosen, learnt = models[selection[0].name], anchor_runs(prepared)
     choice = choose(models, selection, *_apart(anchor_runs([*prepared, *checks]), len(prepared)), fan=fan)
-    width = None
     if choice is not None:
-        width = fit_width(choice.left_out())
         chosen, models, selection = choice.model, dict(choice.models), choice.scores
         learnt = anchor_runs([*prepared, *checks])
-    compensation = Compensation.from_fit(chosen, learnt, checks, scores=selection, width=width)
-    judged = tests or validation
+
+    def compensation_of(model: ThermalModel) -> Compensation:
+        left_out = [] if choice is None else choice.left_out(model)
+        width = fit_width(left_out) if left_out else None
+        return Compensation.from_fit(model, learnt, checks, scores=selection, width=width)
+
+    compensation = compensation_of(chosen)
+    networks = [models[score.name] for score in selection if isinstance(models[score.name], LstmModel)]
+    judging = tests or validation
     return Study(
         train=tuple(train),
         validation=tuple(validation),
-        tests=tuple(judged),
+        tests=tuple(judging),
         models=models,
         selection=selection,
         compensation=compensation,
         scores={
-            name: tuple(_judged(model, run, compensation.limits) for run in judged)
+            name: tuple(judged(model, run, compensation.limits) for run in judging)
             for name, model in models.items()
         },
         judged_on_chosen=not tests,
+        network=compensation_of(networks[0]) if networks else None,
     )
 
 
@@ -113,7 +124,8 @@ def _apart(runs: list[FeatureRun], count: int) -> tuple[list[FeatureRun], list[F
     return runs[:count], runs[count:]
 
 
-def _judged(model: ThermalModel, run: ThermalRun, limits: Limits) -> Scores:
+def judged(model: ThermalModel, run: ThermalRun, limits: Limits) -> Scores:
+    """Return the figures of a model on a run, inside and outside of the limits apart."""
     features = prepare(run)
     inputs = np.stack([getattr(features, name) for name in FEATURES], axis=-1)
     return evaluate(model.predict(features), run, limits.flags(inputs) > 0)

@@ -27,6 +27,10 @@ from drivers.base.arrays import Array
 
 LEVEL = 0.95
 PER_EXCESS = 10.0
+LEAST_RANGE = 1e-9
+"""An input that did not change in training has this range, so that nothing is divided by zero."""
+TERMS = ("dt_60", "gradient")
+"""What widens the interval inside of the range, beside its base."""
 _CHANCES = 2000
 
 
@@ -44,7 +48,7 @@ class PredictionWidth:
         """Return half widths, (..., 4) -> (..., 2), of features in the order of `FEATURES`."""
         low, high = np.array([inputs[name] for name in FEATURES]).T
         beyond = np.maximum(low - features, 0.0) + np.maximum(features - high, 0.0)
-        excess = (beyond / np.maximum(high - low, 1e-9)).sum(axis=-1)
+        excess = (beyond / np.maximum(high - low, LEAST_RANGE)).sum(axis=-1)
         return np.asarray(_terms(features) @ self.coefficients.T * (1.0 + PER_EXCESS * excess)[..., None])
 
     def to_state(self) -> dict[str, Any]:
@@ -109,5 +113,5 @@ def _features(run: FeatureRun) -> Array:
 
 def _terms(features: Array) -> Array:
     """Return 1, |dT/dt|, |gradient|, (..., 4) -> (..., 3)."""
-    rate, gradient = features[..., FEATURES.index("dt_60")], features[..., FEATURES.index("gradient")]
+    rate, gradient = (features[..., FEATURES.index(name)] for name in TERMS)
     return np.stack([np.ones_like(rate), np.abs(rate), np.abs(gradient)], axis=-1)

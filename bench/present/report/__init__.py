@@ -1,6 +1,7 @@
 """Reports: a file each with a function that makes a `Page` of a result; `write_report` makes HTML of any page."""
 
 from bench.present.report._atml import write_atml
+from bench.present.report._batch import batch_page, batch_sentence
 from bench.present.report._calibration import calibration_page
 from bench.present.report._calibration_content import CalibrationContent
 from bench.present.report._campaign import write_study
@@ -35,6 +36,8 @@ __all__ = [
     "CalibrationContent",
     "CertificateContent",
     "Page",
+    "batch_page",
+    "batch_sentence",
     "calibration_page",
     "certify",
     "certify_campaign",

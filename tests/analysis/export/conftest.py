@@ -19,6 +19,7 @@ from bench.analysis.thermal._linear_models import (
     StepwiseModel,
 )
 from bench.analysis.thermal._lstm import LstmModel
+from bench.analysis.thermal._lstm_weights import INPUTS
 from bench.analysis.thermal._mean import MeanModel
 from drivers.base.arrays import Array
 
@@ -44,11 +45,13 @@ def thermal_run(seed: int, low_c: float, rate_c_per_min: float, kind: str = "bot
     )  # fmt: skip
 
 
-def network_state(hidden: int, low: Array, high: Array) -> dict[str, object]:
+def network_state(
+    hidden: int, low: Array, high: Array, inputs: tuple[str, ...] = INPUTS
+) -> dict[str, object]:
     """An LSTM of the right size with weights drawn at random: arithmetic does not care what it learnt."""
     rng, bound = np.random.default_rng(hidden), hidden**-0.5
     shapes = {
-        "w_input": (4 * hidden, 3), "w_hidden": (4 * hidden, hidden), "bias": (4 * hidden,),
+        "w_input": (4 * hidden, len(inputs)), "w_hidden": (4 * hidden, hidden), "bias": (4 * hidden,),
         "w_output": (2, hidden), "b_output": (2,),
     }  # fmt: skip
     weights = {
@@ -57,7 +60,7 @@ def network_state(hidden: int, low: Array, high: Array) -> dict[str, object]:
     }
     scaler = {"input_low": low, "input_high": high, "target_mid": np.array([0.01, -150.0]),
               "target_scale": np.array([0.25, 200.0])}  # fmt: skip
-    return {"settings": {"hidden": hidden}, "weights": {**weights, **scaler}}
+    return {"settings": {"hidden": hidden, "inputs": list(inputs)}, "weights": {**weights, **scaler}}
 
 
 @pytest.fixture(scope="session")
@@ -79,6 +82,12 @@ def compensations(runs: dict[str, list[FeatureRun]]) -> Callable[[str], Compensa
     def lstm() -> LstmModel:
         return LstmModel.from_state(network_state(24, low, high))
 
+    def lstm_of_case() -> LstmModel:
+        inputs = ("gradient", "t_out")
+        model = LstmModel.from_state(network_state(5, low[[2, 0]], high[[2, 0]], inputs))
+        model.name = "lstm:hidden=5+inputs=gradient/t_out"
+        return model
+
     def hybrid() -> HybridModel:
         linear = LaggedRidgeModel()
         linear.fit(runs["train"], runs["validation"])
@@ -97,7 +106,10 @@ def compensations(runs: dict[str, list[FeatureRun]]) -> Callable[[str], Compensa
         "grey_box": lambda: fitted(GreyBoxModel(evaluations=6)),
         "grey_box_residual": lambda: fitted(GreyResidualModel(GreyBoxModel(evaluations=6))),
         "lstm": lstm,
-        "mean": lambda: MeanModel([compensation(name).model for name in ("lag_ridge", "grey_box", "lstm")]),
+        "lstm_of_case": lstm_of_case,
+        "mean": lambda: MeanModel(
+            [compensation(name).model for name in ("lag_ridge", "grey_box", "lstm_of_case")]
+        ),
         "hybrid": hybrid,
     }
     made: dict[str, Compensation] = {}

@@ -25,7 +25,7 @@ COMPILER = shutil.which("gcc") or shutil.which("cc") or shutil.which("clang")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
 NAMES = (
     *("poly3", "multilinear", "stepwise", "lag_ridge", "lag_ridge_x_temp", "grey_box", "grey_box_residual"),
-    *("lstm", "hybrid", "mean"),
+    *("lstm", "lstm_of_case", "hybrid", "mean"),
 )
 
 MAIN = """

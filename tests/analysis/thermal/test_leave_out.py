@@ -60,9 +60,14 @@ def test_every_run_is_left_out_once_and_the_right_model_is_taken(
 ) -> None:
     choice = choose(models, score_models(models, runs[1]), *runs)
     assert choice is not None and choice.model.name == "lag_ridge", "its lag is one of the model's own"
-    assert sorted(run.run_id for run, _ in choice.left_out()) == ["run-1", "run-2", "run-3", "run-5"]
+    assert sorted(run.run_id for run, _ in choice.left_out(choice.model)) == [
+        "run-1",
+        "run-2",
+        "run-3",
+        "run-5",
+    ]
     assert choice.scores[0].left_out == 4 and choice.scores[0].standard_error is not None
-    for run, prediction in choice.left_out():
+    for run, prediction in choice.left_out(choice.model):
         assert run.bias_dph is not None
         error = (run.bias_dph - prediction.bias_dph)[run.weight > 0]
         assert np.std(error) == pytest.approx(2e-3, rel=0.1), "noise is all that is left of a run not fitted"

@@ -331,6 +331,28 @@ def test_size_and_seed_of_the_network_are_in_its_name() -> None:
             new_model(wrong)
 
 
+def test_the_network_sees_the_inputs_that_its_name_says() -> None:
+    model = new_model("lstm:inputs=t_out/gradient+hidden=4+epochs=2")
+    runs = [shock(1, -40.0, 10.0)]
+    model.fit(runs, runs)
+    assert isinstance(model, LstmModel) and model.settings.inputs == ("t_out", "gradient")
+    assert model.weights.input_low == pytest.approx([runs[0].t_out.min(), runs[0].gradient.min()], abs=0.5)
+    again = restore_model(model.name, model.to_state()).stepper()
+    first = [again.step(0.0, 20.0, 0.0, 1.0), again.step(0.0, 10.0, 0.0, 1.0)]
+    blind, seeing = model.stepper(), model.stepper()
+    for expected, row in zip(first, ((99.0, 20.0, -7.0, 1.0), (-99.0, 10.0, 7.0, 1.0)), strict=True):
+        assert blind.step(*row) == pytest.approx(expected, rel=1e-12)
+    assert seeing.step(0.0, 20.0, 0.0, 2.0) != pytest.approx(first[0], abs=1e-9)
+    with pytest.raises(ConfigurationError, match=r"'rate'.*t_in \(the gyro's own temperature\), t_out"):
+        new_model("lstm:inputs=t_in/rate")
+    with pytest.raises(ConfigurationError, match="named twice"):
+        new_model("lstm:inputs=t_in/t_in")
+    for wrong in ([], ["t_in", "t_in"], ["t_in", "bias_dph"]):
+        state = model.to_state()
+        with pytest.raises(ValueError, match="inputs"):
+            LstmModel.from_state(state | {"settings": state["settings"] | {"inputs": wrong}})
+
+
 def test_a_network_of_another_size_is_restored_by_its_name() -> None:
     model = new_model("lstm:hidden=4+epochs=2+seed=1")
     runs = [shock(1, -40.0, 10.0)]

@@ -25,7 +25,6 @@ from bench.analysis.thermal._grey_box import (
 )
 from bench.analysis.thermal._grey_box import _terms as grey_terms
 from bench.analysis.thermal._leave_out import (
-    Choice,
     Fold,
     _alike,
     _folds,
@@ -39,7 +38,7 @@ from bench.analysis.thermal._leave_out import (
 from bench.analysis.thermal._linear_models import LaggedRidgeModel, StepwiseModel, _left_out_scores
 from bench.analysis.thermal._lstm import LstmStepper
 from bench.analysis.thermal._lstm_training import _batch, _initial_weights, _input_range, _target_range
-from bench.analysis.thermal._lstm_weights import LstmSettings
+from bench.analysis.thermal._lstm_weights import INPUTS, LstmSettings
 from bench.analysis.thermal._mean import MeanModel
 from bench.analysis.thermal._regression import (
     LinearMap,
@@ -348,13 +347,13 @@ def test_a_model_is_chosen_by_what_it_leaves_of_runs_that_it_was_not_fitted_on()
     assert [score.left_out for score in choice.scores] == [4, 4, 0]
     assert [fold.runs[0].run_id for fold in choice.folds] == list("abcd")
     assert set(choice.folds[0].predictions) == {"good", "fair"}
-    left = choice.left_out()
+    left = choice.left_out(choice.model)
     assert [run.run_id for run, _ in left] == list("abcd")
     assert left[2][1].bias_dph.tolist() == runs[2].t_in.tolist()
     assert choose(models, scores, runs[:2], ()) is None
     (own,) = _predicted(tuple(runs[:3]), tuple(runs[3:]), (models["good"], (runs[1],)))
     assert own.bias_dph.tolist() == runs[1].t_in.tolist()
-    mean = Choice(MeanModel([models["good"], models["fair"]]), models, (), choice.folds).left_out()
+    mean = choice.left_out(MeanModel([models["good"], models["fair"]]))
     assert mean[0][1].bias_dph == pytest.approx(1.15 * runs[0].t_in)
     score = _score("x", choice.folds, ("good", "fair"), np.array([0.1, 0.2, 0.4, 0.5]))
     assert (score.score, score.left_out, score.parts) == (pytest.approx(0.3), 4, ("good", "fair"))
@@ -495,13 +494,13 @@ def test_a_grey_boxs_errors_are_in_units_of_each_targets_noise_and_streams_as_it
 
 def test_training_sees_samples_that_count_between_minus_one_and_one():
     one, two = features("a", 40, 1), features("b", 30, 2, bias=False, sf=True, weightless=7)
-    low, high = _input_range([one, two])
+    low, high = _input_range([one, two], INPUTS)
     rows = np.concatenate(
         [np.column_stack([run.t_in, run.dt_60, run.gradient])[k:] for run, k in ((one, 5), (two, 7))]
     )
     assert low.tolist() == rows.min(axis=0).tolist() and high.tolist() == rows.max(axis=0).tolist()
     flat = replace(one, dt_60=np.zeros(40))
-    assert (_input_range([flat])[0][1], _input_range([flat])[1][1]) == (0.0, 1.0)
+    assert (_input_range([flat], INPUTS)[0][1], _input_range([flat], INPUTS)[1][1]) == (0.0, 1.0)
     mid, scale = _target_range([one, two])
     for column, values in enumerate((one.bias_dph[5:], two.sf_error_ppm[7:])):
         assert mid[column] == pytest.approx(0.5 * (values.min() + values.max()))
@@ -541,7 +540,7 @@ def test_a_networks_step_is_its_equations_written_out():
         c = gate[1] * c + gate[0] * np.tanh(g)
         return gate[2] * np.tanh(c), c
 
-    stepper = LstmStepper(weights, 2)
+    stepper = LstmStepper(weights, settings)
     for number in range(4):
         t_in, t_out, rate, gradient = rng.normal(10.0, 9.0, 4)
         for _ in range(3 if number == 0 else 1):

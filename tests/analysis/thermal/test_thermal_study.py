@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from bench.analysis.export import NETWORK_FILE, export_study
 from bench.analysis.thermal import _study
 from bench.analysis.thermal._anchor import anchor_runs
 from bench.analysis.thermal._features import prepare
@@ -179,3 +180,21 @@ def test_only_a_run_to_judge_on_may_have_been_stopped(monkeypatch: pytest.Monkey
     for train, validation in (([stopped], [whole]), ([whole], [stopped])):
         with pytest.raises(ConfigurationError, match="not completed cannot be fitted"):
             study_folders(train, validation)
+
+
+def test_the_best_network_has_a_compensation_of_its_own_and_its_file(tmp_path: Path) -> None:
+    """Alone it is chosen, with intervals from runs left out; behind another model it is not left-one-out."""
+    small, smaller = "lstm:hidden=2+epochs=2", "lstm:hidden=1+epochs=1+inputs=t_out"
+    alone = run_study([A, B], [C], (), [small])
+    assert alone.network is not None and alone.network.width is not None
+    assert alone.network.width.coefficients == pytest.approx(alone.compensation.width.coefficients)
+    behind = run_study([A, B], [C], (), ["multilinear", smaller, small])
+    best = next(score.name for score in behind.selection if score.name in (small, smaller))
+    assert behind.network is not None and behind.network.model.name == best
+    assert behind.chosen == "multilinear" and behind.network.width is None
+    export_study(behind, tmp_path)
+    assert best.encode() in (tmp_path / NETWORK_FILE).read_bytes()
+    none = run_study([A, B], [C], (), NAMES)
+    (tmp_path / "none").mkdir()
+    export_study(none, tmp_path / "none")
+    assert none.network is None and not (tmp_path / "none" / NETWORK_FILE).exists()

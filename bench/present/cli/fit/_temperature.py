@@ -11,6 +11,7 @@ from typer import Argument, Option
 
 from bench.present.cli._console import Terminal
 from bench.present.cli._options import Cluster, FitFolder, FittedRuns, GyroToFit, Jobs, Json, TestRuns
+from bench.present.cli.fit._batch import cold_shock_of_batch, unit_folder
 from drivers.base.clock import utc_now
 
 if TYPE_CHECKING:
@@ -27,17 +28,24 @@ def cold_shock(
     models: Annotated[
         str | None,
         Option(
-            help="models to fit, separated by commas; default all. A network's settings: lstm:hidden=32+seed=1; "
-            "several seeds show their spread"
+            help="models to fit, separated by commas; default all. A network's settings: "
+            "lstm:hidden=32+seed=1+inputs=t_in/t_out/dt_60/gradient; several seeds show their spread"
         ),
     ] = None,
+    batch: Annotated[
+        bool,
+        Option(
+            "--batch", help="runs of several units: a model common to them, each with its own corrections"
+        ),
+    ] = False,
     jobs: Jobs = None,
     cluster: Cluster = None,
     as_json: Json = False,
 ) -> None:
     """Fit bias and scale-factor models to cold shocks.
 
-    One is chosen on the validation runs and judged on the test runs.
+    One is chosen on the validation runs and judged on the test runs. Of a batch, units left out in turn
+    choose; a test run of a unit that is not in it is judged with the common model.
     """
     from bench.analysis.common.fan_out import fan_out
     from bench.analysis.thermal import study_folders
@@ -46,6 +54,9 @@ def cold_shock(
     console = Terminal(as_json=as_json)
     validate, test = validate or [], test or []
     names = [name.strip() for name in models.split(",")] if models else None
+    if batch:
+        cold_shock_of_batch(console, runs, validate, test, gyro, names, out, jobs, cluster)
+        return
     with console.status("fitting models"), fan_out(jobs, cluster) as fan:
         study = study_folders(runs, validate, test, gyro, names, fan=fan)
     write_study(study, [*runs, *validate, *test], out, title="Cold-shock compensation")
@@ -111,8 +122,8 @@ def stepwise(
 ) -> None:
     """Fit a ring-laser gyro's bias over temperature.
 
-    By stepwise regression and by a smooth form; what goes into the file is chosen by leaving each fitted run out,
-    and judged on the test runs.
+    By stepwise regression and by a smooth form; what goes into the file is chosen by leaving each fitted run
+    out, and judged on the test runs.
 
     A folder for each unit with compensation and report; of several units a page that has them all.
     """
@@ -135,7 +146,7 @@ def stepwise(
     manifests = [Run.open(folder).manifest for folder in test or []]
     warnings = [f"Run {m.run_id} is {m.outcome}: {m.reason}" for m in manifests if m.outcome != "completed"]
     for unit, study in studies.items():
-        folder = out / "".join(letter if letter.isalnum() or letter in "-_." else "_" for letter in unit)
+        folder = unit_folder(out, unit)
         with saved_together(folder) as part:
             study.chosen.compensation.save(part / "compensation.gyrocomp")
             page = stepwise_page(study, created_utc=utc_now(), bench_name=bench_name, warnings=warnings)
