@@ -23,6 +23,8 @@ COLUMNS = ("time_s", "base_rate_x_dps", "base_rate_y_dps", "base_rate_z_dps")
 _ROUNDS = 6
 _PARTS = 8
 _MOST_DELAY_S, _SETTLED_S = 1.0, 1e-6
+_MOST_CROOKED = 0.3
+"""Part of the reference's rate that its axes and scale may change before it is doubted that the gyros felt it."""
 _MOST_YAW = 0.02
 """Rate of the base about z against the table's: beyond it the whirl's own tilt on it is no longer small."""
 
@@ -83,16 +85,24 @@ class BaseFit:
     after_dps: float
     yaw_share: float
 
+    @property
+    def felt(self) -> float:
+        """How much of the reference's level rate the gyros felt, its axes taken as they are said to lie: 1."""
+        return float((1.0 + 0.5 * (self.crooked[0] - 1j * self.crooked[1])).real)
+
     def findings(self) -> list[Finding]:
-        """Return what the reference was taken for, and that the base yaws too much where it does."""
-        said = [
-            Finding(
-                "base",
-                f"a base that moves: {3600.0 * self.before_dps:.1f} arcsec/s rms before and "
-                f"{3600.0 * self.after_dps:.1f} after the reference was taken out, which was "
-                f"{1e3 * self.delay_s:.1f} +- {1e3 * self.delay_sigma_s:.1f} ms late",
-            )
-        ]
+        """Return what the reference was taken for, whether the gyros felt it, and that the base yaws too much."""
+        rms = (
+            f"a base that moves: {3600.0 * self.before_dps:.1f} arcsec/s rms before and "
+            f"{3600.0 * self.after_dps:.1f} after the reference was taken out"
+        )
+        late = f"{1e3 * self.delay_s:.1f} +- {1e3 * self.delay_sigma_s:.1f} ms late"
+        if abs(self.felt - 1.0) <= _MOST_CROOKED:
+            said = [Finding("base", f"{rms}, which was {late}")]
+        else:
+            doubt = f"the gyros felt {self.felt:.2f} times what it shows, so its delay is not known"
+            remedy = "check its axes, signs and unit, or that the base moved at all"
+            said = [Finding("base", f"{rms}; {doubt}: {remedy}")]
         if self.yaw_share > _MOST_YAW:
             share = 100.0 * self.yaw_share
             said.append(

@@ -109,6 +109,19 @@ def test_a_base_that_yaws_fast_is_told(made: Made) -> None:
     assert any("yaws by" in finding.text for finding in fit.findings())
 
 
+def test_a_reference_that_the_gyros_did_not_feel_is_told(made: Made) -> None:
+    """Noise alone, and the axes turned by a quarter: neither has a delay that means anything."""
+    parts = (made.edges_s, made.rate_dps, made.poll_s, made.poll_deg)
+    assert without_base(*parts, made.base)[3].felt == pytest.approx(1.0, abs=2e-3)
+    noise = 1e-3 * np.random.default_rng(7).standard_normal(made.base.rate_dps.shape)
+    x, y, z = made.base.rate_dps.T
+    for rate, felt in ((noise, 0.0), (np.stack([y, -x, z], axis=1), 0.0)):
+        fit = without_base(*parts, BaseMotion(made.base.time_s, rate))[3]
+        assert abs(fit.felt - felt) < 0.5
+        assert any("times what it shows" in finding.text for finding in fit.findings())
+        assert not any("ms late" in finding.text for finding in fit.findings())
+
+
 def test_logs_of_a_base_that_do_not_go_with_a_run_are_named(made: Made, tmp_path: Path) -> None:
     parts = (made.edges_s, made.rate_dps, made.poll_s, made.poll_deg)
     short = BaseMotion(made.base.time_s[:5000], made.base.rate_dps[:5000])
