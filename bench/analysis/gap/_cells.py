@@ -45,8 +45,9 @@ class Cell:
     """Part of the data: whitened products of [data, columns], `count` coefficients, fewer
     where samples are missing.
 
-    `block` (a, a) holds the products of the data, 0, and of the columns that have something here, `at` (a,), of
-    1 + p `columns`. `power` is the noise's mean power per coefficient, (deg/h)^2, `samples` the runs' length.
+    `whitened` (a, a) holds the products of the data, 0, and of the columns that have something here, `at` (a,),
+    of 1 + p `columns`, by the noise model; `floor` is the noise's variance against it. `power` is the noise's
+    mean power per coefficient, (deg/h)^2, `samples` the runs' length.
     """
 
     profile: str
@@ -56,9 +57,15 @@ class Cell:
     count: float
     columns: int
     at: NDArray[np.int64]
-    block: Array
+    whitened: Array
     power: float
     samples: int
+    floor: float = 1.0
+
+    @property
+    def block(self) -> Array:
+        """The products by the noise as it is, (a, a)."""
+        return self.whitened / self.floor
 
     def products(self, columns: NDArray[np.int64]) -> Array:
         """Return the products of some of [data, columns], (k, k); 0 is the data."""
@@ -67,7 +74,7 @@ class Cell:
         own = places[columns]
         here = own >= 0
         result = np.zeros((len(columns),) * 2)
-        result[np.ix_(here, here)] = self.block[np.ix_(own[here], own[here])]
+        result[np.ix_(here, here)] = self.whitened[np.ix_(own[here], own[here])] / self.floor
         return result
 
 
@@ -248,6 +255,6 @@ def group_cells(group: Group, stack: Stack, noise: Noise) -> list[Cell]:
 def rescaled(cells: Sequence[Cell], floor: Array) -> list[Cell]:
     """Return the cells with the noise's variance in each band multiplied by `floor` (bands,)."""
     return [
-        replace(cell, block=cell.block / floor[cell.band], power=cell.power * floor[cell.band])
-        for cell in cells
+        replace(cell, floor=cell.floor * ratio, power=cell.power * ratio)
+        for cell, ratio in ((cell, float(floor[cell.band])) for cell in cells)
     ]

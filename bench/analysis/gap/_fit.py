@@ -41,10 +41,11 @@ def weighted_gram(cells: Sequence[Cell], variance: Array) -> Array:
     # cells of one group and band have the same columns: added up first, put into place once
     for _, alike in groupby(zip(cells, variance.tolist(), strict=True), key=lambda each: id(each[0].at)):
         pairs = list(alike)
-        part = pairs[0][0].block / pairs[0][1]
-        for cell, each in pairs[1:]:
-            part += cell.block / each
-        total[np.ix_(pairs[0][0].at, pairs[0][0].at)] += part
+        own = pairs[0][0].at
+        part, scaled = np.zeros((len(own),) * 2), np.empty((len(own),) * 2)
+        for cell, each in pairs:
+            part += np.multiply(cell.whitened, 1.0 / (cell.floor * each), out=scaled)
+        total[np.ix_(own, own)] += part
     return total
 
 

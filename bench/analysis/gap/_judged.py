@@ -117,19 +117,25 @@ def curves_that_matter(
 
     def enough(curved: Judged, curve: str, other: Judged) -> bool:
         instead = other.names - curved.names
+        same = frozenset(name for name in instead if absorbed(effects[name], [effects[curve]]))
+        if not curved.names - {curve} <= other.names:
+            # it has further effects as well: they do not count against what stands for the curve
+            instead = same
+            if not same:
+                return True
         theirs = float((left_without(other, instead or other.names) - other.left).sum())
-        same = all(absorbed(effects[name], [effects[curve]]) for name in instead) and bool(instead)
         gained = float(other.left.sum()) - float(curved.left.sum())
-        return gained > (missed_beside(effects[curve]) if same else MISFIT) ** 2 * theirs
+        missed = missed_beside(effects[curve]) if same else MISFIT
+        return gained > missed**2 * theirs
 
     by_names = {one.names for one in judged}
     forms: list[tuple[frozenset[str], str, frozenset[str]]] = []
     for one in judged:
         for curve in one.names & one.curves:
             for other in judged:
-                if not one.names - {curve} <= other.names or len(other.names) > len(one.names):
+                if len(other.names) > len(one.names) or curve in other.names:
                     continue
-                if (other.names - one.names) & other.curves or curve in other.names:
+                if (other.names - one.names) & other.curves:
                     continue
                 if not enough(one, curve, other):
                     forms.append((one.names, curve, other.names - one.names))

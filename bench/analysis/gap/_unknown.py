@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.gap._cells import Cell
-from bench.analysis.gap._fit import Floor, Products, Solution, counts
+from bench.analysis.gap._fit import MISFIT, Floor, Products, Solution, counts
 from drivers.base.arrays import Array
 
 _PENALTY = 7.0
@@ -43,10 +43,14 @@ class Remainder:
         return max(float(self.log_evidence.sum()), self.pooled)
 
 
-def remainder(cells: Sequence[Cell], variance: Array, gap: Array, left: Array, floor: Floor) -> Remainder:
+def remainder(
+    cells: Sequence[Cell], variance: Array, gap: Array, left: Array, floor: Floor, action: Array
+) -> Remainder:
     """Compare what is left (cells,) with noise and tolerance, `variance`; `gap` is the energy before.
 
-    A cell with x times its variance left supports a free variance by 0.5 n (x - 1 - ln x).
+    A cell with x times its variance left supports a free variance by 0.5 n (x - 1 - ln x). `action` (cells,) is
+    the energy that formulas have in each cell: what they may miss of it in all bands of a profile and parity
+    together speaks for nothing.
     """
     number = counts(cells)
     band = np.array([cell.band for cell in cells])
@@ -54,14 +58,31 @@ def remainder(cells: Sequence[Cell], variance: Array, gap: Array, left: Array, f
     share = excess / np.maximum(np.maximum(gap - number, excess), 1e-12)
     expected = number * variance * (1.0 + _MISFIT_OF_FLOOR + 2.0 * floor.sigma[band])
     repeatable = np.array([cell.repeatable for cell in cells])
-    clear = active(cells, gap)
-    evidence = np.where(repeatable & (share > _LEAST_SHARE), _support(left, expected, number), 0.0)
+    deviation = np.sqrt(2.0 * number) + number * floor.sigma[band]
+    sure = np.maximum(excess - _BEYOND * deviation, 0.0)
+    of_form = _of_form(cells, np.where(repeatable, sure, 0.0), np.minimum(action, np.maximum(gap, left)))
+    counted = share > _LEAST_SHARE
+    evidence = np.where(repeatable & counted & ~of_form, _support(left, expected, number), 0.0)
+    clear = active(cells, gap) & ~of_form
     own = number[clear].sum()
     ratio = (left[clear] / expected[clear] * number[clear]).sum()
     pooled = float(_support(np.array([ratio]), np.array([own]), np.array([own]))[0]) if own else 0.0
-    deviation = np.sqrt(2.0 * number) + number * floor.sigma[band]
-    sure = np.maximum(excess - _BEYOND * deviation, 0.0)
     return Remainder(evidence, pooled, sure, sure / np.maximum(np.maximum(gap - number, excess), 1e-12))
+
+
+def _of_form(cells: Sequence[Cell], sure: Array, action: Array) -> NDArray[np.bool_]:
+    """Return in which cells what is left is no more than the form of the effects that act there, (cells,).
+
+    A step that comes a little late leaves a short pulse: all of its energy is in bands where the step has little.
+    Over all bands of a profile and parity it is little beside the step.
+    """
+    place = _places(cells)
+    return np.asarray(np.bincount(place, sure) < MISFIT**2 * np.bincount(place, action))[place]
+
+
+def _places(cells: Sequence[Cell]) -> NDArray[np.int64]:
+    """Return the number of each cell's profile and parity, (cells,)."""
+    return np.unique([f"{cell.profile}\n{cell.parity}" for cell in cells], return_inverse=True)[1]
 
 
 def active(cells: Sequence[Cell], gap: Array) -> NDArray[np.bool_]:
@@ -99,7 +120,7 @@ def prevalence(cells: Sequence[Cell], gap: Array, acting: Solution, rest: Remain
     repeatable = np.array([cell.repeatable for cell in cells])
     action = np.where(repeatable, _action(cells, acting, acting.indices.tolist()), 0.0)
     left = np.where(repeatable, rest.energy, 0.0)
-    _, place = np.unique([f"{cell.profile}\n{cell.parity}" for cell in cells], return_inverse=True)
+    place = _places(cells)
     whole = np.bincount(place, np.where(repeatable, np.maximum(gap - counts(cells), 0.0), 0.0))
     own, others = np.bincount(place, action), np.bincount(place, left)
     part = np.minimum(own, _UNDONE * whole) / np.maximum(own + others, 1e-12)

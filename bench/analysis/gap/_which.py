@@ -192,7 +192,8 @@ def _judge_sets(
         """Return what a fit leaves; its effects' formulas may miss a part of what they do in a cell, no more."""
         action = products.action(solution, len(sigmas))
         misfit = np.minimum(action, np.maximum(np.maximum(before, left) - number, 0.0))
-        return remainder(data.cells, tolerated(data.cells, number + misfit, MISFIT), before, left, data.floor)
+        tolerance = tolerated(data.cells, number + misfit, MISFIT)
+        return remainder(data.cells, tolerance, before, left, data.floor, action)
 
     judged = []
     for names in kept:

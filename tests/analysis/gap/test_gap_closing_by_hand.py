@@ -43,7 +43,7 @@ from bench.analysis.gap._exam import true_region
 from bench.analysis.gap._examination import SHARES, case_kinds
 from bench.analysis.gap._facts import _finite
 from bench.analysis.gap._findings import Cause, Finding
-from bench.analysis.gap._fit import Floor
+from bench.analysis.gap._fit import Floor, weighted_gram
 from bench.analysis.gap._model_file import ChannelTerm, model_text, parse_model
 from bench.analysis.gap._noise import fit_noise, periodogram, spectrum
 from bench.analysis.gap._prepare import Prepared, narrowed
@@ -102,6 +102,9 @@ def test_rows_of_runs_have_the_products_of_their_cells(period_s):
     floor = np.linspace(1.0, 3.0, len(BANDS))
     shared = repeatable_rows(group, WHITE, WHITE, floor)(whole)
     raised = rescaled(cells, floor)
+    of_band = floor[[each.band for each in cells]]
+    assert weighted_gram(raised, variance) == pytest.approx(weighted_gram(cells, variance * of_band))
+    assert rescaled(raised, floor)[3].block == pytest.approx(cells[3].block / of_band[3] ** 2)
     expected = sum(each.products(np.arange(3)) for each in raised if each.repeatable)
     assert shared.shape == (3, 2, N - 1)
     assert np.einsum("irk,jrk->ij", shared, shared) == pytest.approx(expected, rel=1e-5)

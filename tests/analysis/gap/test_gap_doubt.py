@@ -21,7 +21,7 @@ def _trust(count: int, effect: float, missed: float) -> float:
     cell = Cell("shock", "common", True, 3, count, 2, np.arange(2), block, 1.0, 10000)
     solution = Solution(np.array([1]), np.ones(1), np.zeros((1, 1)))
     gap, left = np.array([effect + count]), np.array([count + missed])
-    rest = remainder([cell], np.ones(1), gap, left, _FLOOR)
+    rest = remainder([cell], np.ones(1), gap, left, _FLOOR, np.zeros(1))
     return credibility([cell], np.ones(1), solution, [1], rest)
 
 
@@ -44,7 +44,7 @@ def test_an_effect_that_is_little_of_what_is_there_in_its_runs_is_not_prevalent(
         left += [count, count + others]
     solution = Solution(np.array([1]), np.ones(1), np.zeros((1, 1)))
     gap = np.array([cell.block[0, 0] for cell in cells]) + np.array(left) - count
-    rest = remainder(cells, np.ones(4), gap, np.array(left), _FLOOR)
+    rest = remainder(cells, np.ones(4), gap, np.array(left), _FLOOR, np.zeros(4))
     beyond = 900.0 - 2.0 * np.sqrt(2.0 * count)
     expected = 0.25 * 100.0 / (100.0 + beyond) + 0.75
     assert prevalence(cells, gap, solution, rest) == pytest.approx(expected)
@@ -62,7 +62,7 @@ def test_what_is_left_in_another_parity_makes_an_effect_no_less_prevalent() -> N
     ]
     solution = Solution(np.array([1]), np.ones(1), np.zeros((1, 1)))
     gap, left = np.array([108.0, 1008.0]), np.array([8.0, 1008.0])
-    rest = remainder(cells, np.ones(2), gap, left, _FLOOR)
+    rest = remainder(cells, np.ones(2), gap, left, _FLOOR, np.zeros(2))
     assert prevalence(cells, gap, solution, rest) == pytest.approx(1.0)
 
 
@@ -71,7 +71,7 @@ def test_an_effect_that_others_undo_is_not_prevalent() -> None:
     block = np.array([[18.0, 1000.0], [1000.0, 1000.0]])
     cell = Cell("rates", "common", True, 3, 8.0, 2, np.arange(2), block, 1.0, 10000)
     solution = Solution(np.array([1]), np.ones(1), np.zeros((1, 1)))
-    rest = remainder([cell], np.ones(1), np.array([18.0]), np.array([8.0]), _FLOOR)
+    rest = remainder([cell], np.ones(1), np.array([18.0]), np.array([8.0]), _FLOOR, np.zeros(1))
     assert prevalence([cell], np.array([18.0]), solution, rest) == pytest.approx(4.0 * 10.0 / 1000.0)
 
 

@@ -98,7 +98,7 @@ def test_wilson_interval() -> None:
 def _cell(band: int, energy: float, count: int = 100, **other: Any) -> Cell:
     where = {"profile": "shock", "parity": "common", "repeatable": True, **other}
     at, block = np.zeros(1, dtype=np.int64), np.array([[energy]])
-    return Cell(**where, band=band, count=count, columns=1, at=at, block=block, power=1.0, samples=10_000)
+    return Cell(**where, band=band, count=count, columns=1, at=at, whitened=block, power=1.0, samples=10_000)
 
 
 def test_a_formulas_misfit_is_tolerated_in_the_bands_beside_its_gap_too() -> None:

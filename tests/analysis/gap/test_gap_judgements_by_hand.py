@@ -45,7 +45,7 @@ def test_what_is_left_is_held_against_noise_and_what_a_formula_may_miss():
     variance = np.array([1.5, 1.0, 2.0, 1.0, 1.0])
     gap = np.array([900.0, 25.0, 500.0, 800.0, 2030.0])
     left = np.array([300.0, 22.0, 90.0, 400.0, 200.0])
-    found = remainder(cells, variance, gap, left, floor)
+    found = remainder(cells, variance, gap, left, floor, np.zeros(5))
     number = np.array([each.count for each in cells])
     expected = [
         n * v * (1.03 + 2.0 * sigma[each.band]) for n, v, each in zip(number, variance, cells, strict=True)
@@ -67,8 +67,33 @@ def test_what_is_left_is_held_against_noise_and_what_a_formula_may_miss():
     sure = np.maximum(left - number - beyond, 0.0)
     assert found.energy == pytest.approx(sure)
     assert found.share == pytest.approx(sure / np.maximum(gap - number, left - number))
-    none = remainder(cells, variance, number, number, floor)
+    none = remainder(cells, variance, number, number, floor, np.zeros(5))
     assert none.total == 0.0 and none.share.tolist() == [0.0] * 5
+
+
+def test_a_step_that_comes_late_leaves_its_form_and_nothing_unknown():
+    """A pulse fills bands where the step has little; over all bands of its runs it is a sixteenth at most."""
+    cells = [cell(0, 40.0), cell(6, 40.0), cell(6, 40.0, parity="odd")]
+    gap, left = np.array([10040.0, 700.0, 700.0]), np.array([40.0, 640.0, 640.0])
+    beyond = 600.0 - 2.0 * math.sqrt(80.0)
+    floor = Floor(np.ones(len(BANDS)), np.zeros(len(BANDS)), True)
+
+    def evidence(acting):
+        return remainder(cells, np.ones(3), gap, left, floor, np.array([acting, 60.0, 0.0])).log_evidence
+
+    full = support(640.0, 1.03 * 40.0, 40.0)
+    least = 16.0 * beyond - 60.0
+    # the other parity, in which nothing acts, speaks for itself
+    assert evidence(1.001 * least) == pytest.approx([0.0, 0.0, full])
+    assert evidence(0.999 * least) == pytest.approx([0.0, full, full])
+    # what effects undo of each other does not count as what they do
+    small = np.array([1000.0, 700.0, 700.0])
+    found = remainder(cells, np.ones(3), small, left, floor, np.array([1e6, 1e6, 0.0]))
+    assert found.log_evidence[1] == pytest.approx(full)
+    # what repeats differ by is no part of what is left, and the cells together say no more than each
+    differing = [*cells[:2], cell(6, 40.0, repeatable=False)]
+    found = remainder(differing, np.ones(3), gap, left, floor, np.array([1.001 * least, 60.0, 0.0]))
+    assert found.log_evidence.tolist() == [0.0, 0.0, 0.0] and found.pooled == found.total == 0.0
 
 
 def test_an_effect_prevails_where_what_is_left_shows_in_runs_that_it_does_not_touch():

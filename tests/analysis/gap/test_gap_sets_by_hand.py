@@ -76,14 +76,24 @@ def test_a_curve_that_gains_what_a_formula_may_miss_is_its_form(gained, rival, s
     assert kept(judged(own, 50.0 - gained), judged(other, 50.0)) == ([own] if stays else []) + [other]
 
 
-def test_a_curve_is_held_only_against_sets_that_have_all_the_rest():
-    curved, quadratic = judged({CURVE, "warm_up"}, 49.0), judged({"bias_quadratic"}, 50.0)
-    assert kept(curved, quadratic) == [{CURVE, "warm_up"}, {"bias_quadratic"}]
-    larger = judged({"bias_quadratic", "warm_up", "shupe"}, 50.0)
-    assert kept(curved, quadratic, larger)[0] == {CURVE, "warm_up"}
-    rest = judged({"bias_quadratic", "warm_up"}, 50.0)
-    for others in ((quadratic, larger, rest), (rest, larger, quadratic)):
-        assert {CURVE, "warm_up"} not in kept(curved, *others)
+def test_a_curve_is_held_against_sets_that_have_all_the_rest_or_an_effect_of_its_input():
+    """An eighth of what the quadratic takes is its form, whatever else a set with the curve has as well."""
+    near, far = judged({CURVE, "warm_up"}, 40.0), judged({CURVE, "warm_up"}, 30.0)
+    quadratic, other = judged({"bias_quadratic"}, 50.0), judged({"shupe"}, 41.0)
+    assert kept(near, quadratic) == [{"bias_quadratic"}]
+    assert kept(far, quadratic) == [{CURVE, "warm_up"}, {"bias_quadratic"}]
+    # of another input it must have all the rest
+    assert kept(near, other) == [{CURVE, "warm_up"}, {"shupe"}]
+    assert kept(near, judged({"shupe", "warm_up"}, 41.0)) == [{"shupe", "warm_up"}]
+    # what else the other set has does not stand for the curve
+    further = judged({"bias_quadratic", "shupe"}, 52.4)
+    assert {CURVE, "warm_up"} in kept(near, further)
+    assert {CURVE, "warm_up"} not in kept(near, replace(further, left=np.array([52.2])))
+    # a larger set is no simpler explanation
+    larger = judged({"bias_quadratic", "warm_up", "shupe"}, 41.0)
+    assert kept(near, larger)[0] == {CURVE, "warm_up"}
+    # with a curve of its own it says nothing of one
+    assert {CURVE, "warm_up"} in kept(near, judged({CURVE, "shupe"}, 40.5))
 
 
 def test_a_set_that_only_the_form_of_an_effect_tells_from_the_best_is_nearly_as_probable():
@@ -100,13 +110,12 @@ def test_a_set_that_only_the_form_of_an_effect_tells_from_the_best_is_nearly_as_
     assert -1000.0 < further.log_evidence < found["bias_cubic"]
 
 
-@pytest.fixture(scope="module")
-def bent():
-    """A bias over T_in that a quadratic formula misses a tenth of, and what few candidates make of it."""
+def bent_by(part):
+    """A bias over T_in that a quadratic formula misses a part of, and what few candidates make of it."""
     rng = np.random.default_rng(4)
     s = stimulus(3000)
     quadratic = effect("bias_quadratic").variants()[0].columns(s)[0]
-    real = quadratic * 20.0 + 0.05 * np.ptp(20.0 * quadratic) * np.sin(s.warm_k / 7.0)
+    real = quadratic * 20.0 + part * np.ptp(20.0 * quadratic) * np.sin(s.warm_k / 7.0)
     runs = [made_run(name, s, rng, real) for name in "ab"]
     names = ("bias_quadratic", "mode_hop", "warm_up")
     variants = [effect(name).variants()[0] for name in names]
@@ -115,6 +124,18 @@ def bent():
     ]
     model = Model("m", (), WHITE)
     return judged_sets(prepare(runs, model, variants), model, variants), variants
+
+
+@pytest.fixture(scope="module")
+def bent():
+    return bent_by(0.2)
+
+
+def test_what_a_formula_may_miss_in_all_bands_together_is_nothing_unknown(bent):
+    """What is left fills bands in which the quadratic has next to nothing; up to a part it is its form."""
+    for (found, _), remains in ((bent_by(0.15), False), (bent, True)):
+        (quadratic,) = (one for one in found.judged if one.names == {"bias_quadratic"})
+        assert (quadratic.rest.total > 0.0) == remains
 
 
 def test_what_an_effects_formula_misses_is_taken_out_by_a_curve_over_its_input_alone(bent):
