@@ -22,10 +22,7 @@ class _UnitRun(Protocol):
 
 
 def require_separate(training: Sequence[_UnitRun], judging: Sequence[_UnitRun]) -> None:
-    """Raise ConfigurationError for no training run, runs of several units, or a run both fitted and judged.
-
-    The same run is told by its checksum; a run without one is never taken for another.
-    """
+    """Raise ConfigurationError for no training run, runs of several units, or a run both fitted and judged."""
     units = {run.unit_id for run in (*training, *judging)}
     if not training or len(units) > 1:
         raise ConfigurationError(
@@ -35,6 +32,14 @@ def require_separate(training: Sequence[_UnitRun], judging: Sequence[_UnitRun]) 
             expected="training runs and test runs of one unit: a compensation belongs to one gyro",
             remedy="fit each unit on its own runs",
         )
+    require_unseen(training, judging)
+
+
+def require_unseen(training: Sequence[_UnitRun], judging: Sequence[_UnitRun]) -> None:
+    """Raise ConfigurationError for a run both fitted and judged.
+
+    The same run is told by its checksum; a run without one is never taken for another.
+    """
     seen = {run.checksum for run in training if run.checksum}
     if twice := [run.run_id for run in judging if run.checksum in seen]:
         raise ConfigurationError(

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.analysis.common.fan_out import ALONE, FanOut
+from bench.analysis.common.runs import require_unseen
 from bench.analysis.thermal._batch import (
     ANY_UNIT,
     BatchFit,
@@ -27,7 +28,6 @@ from bench.analysis.thermal._study import judged, load_runs
 from bench.analysis.thermal._types import FeatureRun, Prediction, ThermalRun
 from bench.analysis.thermal._width import fit_width
 from bench.record.shown import Shown
-from drivers.base.errors import ConfigurationError
 
 BATCH_MODELS = ("multilinear", "grey_box")
 """Models that may be common to a batch, unless others are named. A bank of low-passes is none: one unit's
@@ -87,15 +87,7 @@ def run_batch(
     units: dict[str, list[ThermalRun]] = {}
     for run in runs:
         units.setdefault(run.unit_id, []).append(run)
-    fitted = {run.checksum for run in runs if run.checksum}
-    if twice := [run.run_id for run in tests if run.checksum in fitted]:
-        raise ConfigurationError(
-            "a run is used for fitting and for judging",
-            where="fit of a batch",
-            found=", ".join(twice),
-            expected="different runs: a fit is judged on what it has not seen",
-            remedy="name each run once",
-        )
+    require_unseen(runs, tests)
     prepared = {unit: tuple(map(prepare, of)) for unit, of in units.items()}
     require_batch(prepared)
     wanted = tuple(BATCH_MODELS if names is None else names)

@@ -91,6 +91,9 @@ def test_a_lab_that_is_killed_is_told_on_every_page_and_comes_back(
             page.get_by_test_id("start-now").click()
             page.get_by_test_id("start-yes").click()
             page.get_by_role("link", name="Watch it").click()
+            # a press before the page is connected is lost, and an answer needs its name
+            page.wait_for_function("window.gyrobench?.messages > 0")
+            expect(page.get_by_test_id("name")).to_have_value("Ada")
             page.get_by_test_id("answer-yes").click()
             expect(page.get_by_test_id("state")).to_have_text("Completed")
             expect(page.locator("[data-list=alarms]")).to_contain_text(GONE)
