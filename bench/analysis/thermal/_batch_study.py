@@ -33,6 +33,9 @@ BATCH_MODELS = ("multilinear", "grey_box")
 """Models that may be common to a batch, unless others are named. A bank of low-passes is none: one unit's
 coefficients lean on near-collinear filters, and make another unit worse on profiles that were not fitted."""
 
+_OWN_RUNS = 3
+"""Runs of a target from which a unit's own fit was the better one on most plants (docs/off_class.md)."""
+
 
 @dataclass(frozen=True)
 class LeftOver:
@@ -63,6 +66,15 @@ class BatchStudy(Shown):
     def chosen(self) -> str:
         """Name of the common model."""
         return self.fit.basis.name
+
+    @property
+    def known_by_themselves(self) -> tuple[str, ...]:
+        """Units with so many runs of their own that a fit without the batch is likely to be better."""
+
+        def counts(of: Sequence[ThermalRun]) -> list[int]:
+            return [sum(getattr(run, target) is not None for run in of) for target in self.fit.priors]
+
+        return tuple(unit for unit, of in self.units.items() if max(counts(of)) >= _OWN_RUNS)
 
     def shown(self) -> dict[str, object]:
         """Return the units, the model that is common to them and what it leaves of units left out."""

@@ -238,6 +238,15 @@ def test_both_targets_have_their_own_prior() -> None:
     assert study.fit.determined([test])["bias_dph"] == 0.0
 
 
+def test_units_that_need_no_batch_are_told() -> None:
+    """Three runs of one target; two of each are not."""
+    third = [made("B", 2, GAINS["B"]), made("A", 0, 1.5, kind="sf"), made("A", 1, 1.5, kind="sf")]
+    groups = [made(unit, number, 1.5, kind="sf") for unit in "CD" for number in range(2)]
+    study = run_batch([*batch(), *third, *groups], (), ["poly3"])
+    assert study.known_by_themselves == ("B",)
+    assert run_batch(batch(), (), ["poly3"]).known_by_themselves == ()
+
+
 @pytest.mark.parametrize(
     ("runs", "tests", "names", "said"),
     [

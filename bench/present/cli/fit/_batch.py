@@ -62,6 +62,10 @@ def cold_shock_of_batch(
     console.table(heads, rows, "% left of units left out")
     console.say_all(batch_sentence(study, target) for target in targets)
     console.say(f"common model {study.chosen}; a folder for each of {len(study.units)} units in {out}")
+    if own := study.known_by_themselves:
+        console.say(
+            f"three own runs or more: {', '.join(own)}; a fit without --batch is likely to be better there"
+        )
     units = {
         unit: {
             "runs": [run.run_id for run in of],
