@@ -54,6 +54,11 @@ class Ground(_PlantSection):
     steps_per_min: float = key(default=0.0, ge=0, le=600)
     step_hz: float = key(default=8.0, gt=0, le=100)
 
+    @property
+    def still(self) -> bool:
+        """Whether nothing moves."""
+        return self.sway_mps == 0.0 and (self.step_mps == 0.0 or self.steps_per_min == 0.0)
+
 
 class Bearing(_PlantSection):
     """The bearing that a unit of the model `ins_triad` turns in (simulators.plant.wobble).

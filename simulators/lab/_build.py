@@ -26,7 +26,6 @@ from simulators.lab._line import Line
 from simulators.lab._ports import Port, PtyPort, TcpPort
 from simulators.lab._power import Power, Since
 from simulators.plant.chamber import WEAK_CHAMBER, ChamberParameters
-from simulators.plant.ground import GroundParameters
 from simulators.plant.lab_plant import LabPlant, PlantConfig, Unit, UnitConfig, UnitKind
 from simulators.plant.lab_platform import LabPlatform
 from simulators.plant.load import Load
@@ -153,7 +152,7 @@ def plant_config(config: LabConfig) -> PlantConfig:
         chamber=_known("chamber model", config.chamber_model, _CHAMBERS),
         axes=tuple((axis.name, axis.direction) for axis in config.table.all_axes),
         table=TableParameters(**asdict(config.rotation)),
-        ground=GroundParameters(**asdict(config.ground)),
+        ground=config.ground,
         imu_error_scale=config.imu_error_scale,
         units=tuple(
             UnitConfig(

@@ -8,11 +8,11 @@ pushed and rings down. It does not rock: what a pier turns by is not in here.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from drivers.base.arrays import Array
+from simulators.config import Ground
 from simulators.plant.noise import NoiseSource
 
 _SINES = 32
@@ -21,26 +21,10 @@ _QUALITY = 20.0
 _MINUTE_S = 60.0
 
 
-@dataclass(frozen=True)
-class GroundParameters:
-    """Sway: rms velocity of each level axis and frequency. Steps: velocity of a push and how many a minute."""
-
-    sway_mps: float = 0.0
-    sway_hz: float = 0.15
-    step_mps: float = 0.0
-    steps_per_min: float = 0.0
-    step_hz: float = 8.0
-
-    @property
-    def still(self) -> bool:
-        """Whether nothing moves."""
-        return self.sway_mps == 0.0 and (self.step_mps == 0.0 or self.steps_per_min == 0.0)
-
-
-class Ground:
+class MovingGround:
     """A ground that moves by its parameters; `source` fixes phases, and when and whither people step."""
 
-    def __init__(self, parameters: GroundParameters, source: NoiseSource) -> None:
+    def __init__(self, parameters: Ground, source: NoiseSource) -> None:
         self.parameters = parameters
         self._source = source.substream(source.stream + 1)
         rng = source.generator(0)

@@ -23,7 +23,7 @@ from drivers.base.constants import ARCSEC_RAD, UG_MPS2, gravity_mps2
 from drivers.kit.config import Mounting
 from simulators.interfaces import GyroSignal
 from simulators.plant.gimbals import NORTH_WEST_UP, Gimbals, about_up, earth_rate_rad_s, simpson, turned_about
-from simulators.plant.ground import Ground
+from simulators.plant.ground import MovingGround
 from simulators.plant.mounting import Mount
 from simulators.plant.noise import NoiseSource, SampleNoise, TickNoise
 from simulators.plant.table import TableAxis
@@ -118,7 +118,7 @@ class ImuUnit:
         *,
         axis: str = "x",
         azimuth_error_deg: float = 0.0,
-        ground: Ground | None = None,
+        ground: MovingGround | None = None,
     ) -> None:
         self.errors, self.noise = errors, noise
         self._gimbals = Gimbals(table)
@@ -212,7 +212,7 @@ class ImuUnit:
         c = self._gimbals.attitude(angles, mount)
         return np.einsum("nij,i->nj", c, self._earth), np.einsum("nij,i->nj", c, self._gravity)
 
-    def _pushed(self, ground: Ground, times_s: Array) -> Array:
+    def _pushed(self, ground: MovingGround, times_s: Array) -> Array:
         """Return what accelerometers gain in samples whose ends and middles are `times_s`, (count, 3), as the
         ground moves; their own errors are left out of so small a change.
         """

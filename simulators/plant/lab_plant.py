@@ -17,11 +17,12 @@ import numpy as np
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 from drivers.kit.config import Mounting
+from simulators.config import Ground
 from simulators.plant.chamber import ChamberAir, ChamberParameters
 from simulators.plant.fog import fog_unit
 from simulators.plant.fog_parameters import FOG_MID, FOG_NAV
 from simulators.plant.gimbals import Gimbals
-from simulators.plant.ground import Ground, GroundParameters
+from simulators.plant.ground import MovingGround
 from simulators.plant.imu import ImuUnit, imu_errors, imu_noise
 from simulators.plant.lab_chamber import LabChamber
 from simulators.plant.mems import mems_unit
@@ -80,7 +81,7 @@ class PlantConfig:
     room_temp_c: float = 25.0
     chamber: ChamberParameters = field(default_factory=ChamberParameters)
     table: TableParameters = field(default_factory=TableParameters)
-    ground: GroundParameters = field(default_factory=GroundParameters)
+    ground: Ground = field(default_factory=Ground)
     imu_error_scale: float = 1.0
     axes: tuple[tuple[str, str], ...] = (("table", "up"),)
     units: tuple[UnitConfig, ...] = ()
@@ -226,7 +227,7 @@ class LabPlant:
                 source,
                 axis=config.axis,
                 azimuth_error_deg=config.mount_azimuth_error_deg,
-                ground=Ground(self.config.ground, NoiseSource(self.config.seed, "ground")),
+                ground=MovingGround(self.config.ground, NoiseSource(self.config.seed, "ground")),
             )
             if config.mounting is not None:
                 imu.mount(0.0, config.mounting)

@@ -13,7 +13,8 @@ from bench.analysis.calibration._navigation import Increments, align, navigate
 from benchmarks._turned_imu import Rest, Turn, measure_motion
 from drivers.base.constants import gravity_mps2
 from drivers.base.errors import ConfigurationError
-from simulators.plant.ground import Ground, GroundParameters
+from simulators.config import Ground
+from simulators.plant.ground import MovingGround
 from simulators.plant.imu import ImuErrors, ImuNoise, ImuUnit, imu_errors, imu_noise
 from simulators.plant.lab_plant import LabPlant, PlantConfig, UnitConfig
 from simulators.plant.noise import NoiseSource
@@ -129,12 +130,12 @@ def test_a_lab_has_an_imu_on_two_axes_and_refuses_there_what_it_cannot_turn():
         LabPlant(PlantConfig(axes=axes, units=(UnitConfig("ins", model="ins_triad"),)))
 
 
-FIELD = GroundParameters(sway_mps=3e-3, sway_hz=0.2, step_mps=2e-3, steps_per_min=6.0)
+FIELD = Ground(sway_mps=3e-3, sway_hz=0.2, step_mps=2e-3, steps_per_min=6.0)
 
 
 def test_what_accelerometers_gain_in_the_field_is_the_grounds_velocity():
     """Turned back into level axes by the table's own angle, increments add up to what the ground moves at."""
-    pier = Ground(FIELD, NoiseSource(4, "ground"))
+    pier = MovingGround(FIELD, NoiseSource(4, "ground"))
     records = []
     for ground in (pier, None):
         unit, (outer, _) = made(("east", "up"), ground=ground)
@@ -154,7 +155,7 @@ def test_what_accelerometers_gain_in_the_field_is_the_grounds_velocity():
 
 
 def test_a_pier_sways_at_its_frequency_and_a_still_one_not_at_all():
-    wind = Ground(GroundParameters(sway_mps=3e-3, sway_hz=0.2), NoiseSource(4, "ground"))
+    wind = MovingGround(Ground(sway_mps=3e-3, sway_hz=0.2), NoiseSource(4, "ground"))
     times = 0.5 * np.arange(40_000)
     velocity = wind.velocity_mps(times)
     assert velocity[:, :2].std(axis=0) == pytest.approx(3e-3, rel=0.1)
@@ -163,13 +164,13 @@ def test_a_pier_sways_at_its_frequency_and_a_still_one_not_at_all():
     frequency = np.fft.rfftfreq(len(times), 0.5)
     near = np.abs(frequency - 0.2) < 0.03
     assert power[near].sum() > 0.95 * power.sum()
-    assert GroundParameters().still and GroundParameters(step_mps=1.0).still and not FIELD.still
+    assert Ground().still and Ground(step_mps=1.0).still and not FIELD.still
     # velocity is a function of time, however it is asked for
     np.testing.assert_array_equal(wind.velocity_mps(times[100:110]), velocity[100:110])
 
 
 def test_steps_come_as_often_as_told_and_ring_down():
-    people = Ground(GroundParameters(step_mps=2e-3, steps_per_min=3.0, step_hz=5.0), NoiseSource(9, "ground"))
+    people = MovingGround(Ground(step_mps=2e-3, steps_per_min=3.0, step_hz=5.0), NoiseSource(9, "ground"))
     times = 0.01 * np.arange(600_000)
     up = people.velocity_mps(times)[:, 2]
     ring_s = 20.0 / (2.0 * math.pi * 5.0)
