@@ -20,6 +20,7 @@ from bench.record.benchfile import BenchFile, Emulated
 from drivers.base.errors import BenchError, ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded, replace_file
 from drivers.kit.config import GyroConfig, Mistake, Mounting, refusal
+from drivers.kit.registry import one_of
 from simulators.config import Bearing, Ground, GyroInLab, InstrumentInLab, LabConfig, PlatformInLab, Rotation
 from simulators.faults import Fault
 
@@ -276,10 +277,13 @@ def load_plant(path: Path | None, seed: int | None = None) -> Plant:
 
 
 def _mistake(details: ErrorDetails) -> Mistake:
-    key, at_top = ".".join(map(str, details["loc"])), len(details["loc"]) == 1
+    where, key = details["loc"], ".".join(map(str, details["loc"]))
     if details["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-        known = "one of " + ", ".join(sorted(Plant.model_fields)) if at_top else "no such key there"
-        return Mistake(key, "an unknown key", known)
+        section = Plant.model_fields[str(where[0])].annotation if len(where) == 2 else None
+        names = list(Plant.model_fields) if len(where) == 1 else []
+        if dataclasses.is_dataclass(section):
+            names = [each.name for each in dataclasses.fields(section)]
+        return Mistake(key, "an unknown key", one_of(str(where[-1]), names) if names else "no such key there")
     if details["type"] in ("missing", "missing_argument"):
         return Mistake(key, "nothing", "a value")
     return Mistake(key, repr(details["input"]), details["msg"].removeprefix("Input should be "))

@@ -154,6 +154,11 @@ def test_a_plant_file_is_told_all_that_is_wrong_with_it(tmp_path):
     assert "adapter_batch_ms.fog_1: found 0, expected greater than 0" in said
     assert "sed: found an unknown key, expected one of actual, adapter_batch_ms" in said
     assert "fault.0.when: found an unknown key" in said
+    (tmp_path / "field.toml").write_text("[ground]\nsway_ms = 1e-3\n")
+    with pytest.raises(ConfigurationError) as refused:
+        load_plant(tmp_path / "field.toml")
+    assert "ground.sway_ms cannot be used. Found: an unknown key" in str(refused.value)
+    assert "did you mean 'sway_mps'?" in str(refused.value)
 
 
 def test_an_adapter_of_no_unit_is_refused(bench, fog_file):

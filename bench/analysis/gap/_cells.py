@@ -62,11 +62,6 @@ class Cell:
     samples: int
     floor: float = 1.0
 
-    @property
-    def block(self) -> Array:
-        """The products by the noise as it is, (a, a)."""
-        return self.whitened / self.floor
-
     def products(self, columns: NDArray[np.int64]) -> Array:
         """Return the products of some of [data, columns], (k, k); 0 is the data."""
         places = np.full(self.columns, -1)

@@ -112,17 +112,18 @@ def curves_that_matter(
     """Return the sets less those with a free curve that is no better than a formula's misfit lets it be.
 
     Compared are sets with a catalogue effect in the curve's place, or nothing. What counts is what that effect
-    takes away (with nothing there, all); a curve over its very input may be its real form: more is tolerated.
+    takes away (with nothing there, all); a curve over its very input may be its real form: more is tolerated. A
+    set that lacks others of the curve's set says something of the curve only if it has an effect of its input.
     """
 
     def enough(curved: Judged, curve: str, other: Judged) -> bool:
         instead = other.names - curved.names
         same = frozenset(name for name in instead if absorbed(effects[name], [effects[curve]]))
         if not curved.names - {curve} <= other.names:
-            # it has further effects as well: they do not count against what stands for the curve
-            instead = same
             if not same:
                 return True
+            # what else it has does not stand for the curve
+            instead = same
         theirs = float((left_without(other, instead or other.names) - other.left).sum())
         gained = float(other.left.sum()) - float(curved.left.sum())
         missed = missed_beside(effects[curve]) if same else MISFIT

@@ -55,19 +55,19 @@ def remainder(
     number = counts(cells)
     band = np.array([cell.band for cell in cells])
     excess = left - number
-    share = excess / np.maximum(np.maximum(gap - number, excess), 1e-12)
+    whole = np.maximum(np.maximum(gap - number, excess), 1e-12)
+    share = excess / whole
     expected = number * variance * (1.0 + _MISFIT_OF_FLOOR + 2.0 * floor.sigma[band])
     repeatable = np.array([cell.repeatable for cell in cells])
     deviation = np.sqrt(2.0 * number) + number * floor.sigma[band]
     sure = np.maximum(excess - _BEYOND * deviation, 0.0)
     of_form = _of_form(cells, np.where(repeatable, sure, 0.0), np.minimum(action, np.maximum(gap, left)))
-    counted = share > _LEAST_SHARE
-    evidence = np.where(repeatable & counted & ~of_form, _support(left, expected, number), 0.0)
+    evidence = np.where(repeatable & (share > _LEAST_SHARE) & ~of_form, _support(left, expected, number), 0.0)
     clear = active(cells, gap) & ~of_form
     own = number[clear].sum()
     ratio = (left[clear] / expected[clear] * number[clear]).sum()
     pooled = float(_support(np.array([ratio]), np.array([own]), np.array([own]))[0]) if own else 0.0
-    return Remainder(evidence, pooled, sure, sure / np.maximum(np.maximum(gap - number, excess), 1e-12))
+    return Remainder(evidence, pooled, sure, sure / whole)
 
 
 def _of_form(cells: Sequence[Cell], sure: Array, action: Array) -> NDArray[np.bool_]:

@@ -19,12 +19,12 @@ from bench.analysis.heading._log import PlatformLog, stays
 from bench.analysis.heading._restricted import FORMS, Restricted, hourly, markov_after_lag
 from bench.analysis.heading._temperature import harmonics
 from drivers.base.arrays import Array
-from drivers.base.constants import EARTH_RATE_RAD_S, SIDEREAL_DAY_S, UG_MPS2
+from drivers.base.constants import ARCSEC_PER_RAD, EARTH_RATE_RAD_S, SIDEREAL_DAY_S, UG_MPS2
 from drivers.base.errors import RecordError
 
 _ALPHA = 0.01
 _REFERENCE = 5
-_ARCSEC_PER_UG = 0.206265
+_ARCSEC_PER_UG = 1e-6 * ARCSEC_PER_RAD
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +42,14 @@ class ModulusTest:
     skipped: int
 
     @property
+    def limit(self) -> float:
+        """The p value below which a stay differs: 1 % for all stays together."""
+        return _ALPHA / len(self.p_value)
+
+    @property
     def changed(self) -> bool:
-        """Whether any stay differs, at 1 % for all stays together."""
-        return bool(len(self.p_value)) and float(self.p_value.min()) < _ALPHA / len(self.p_value)
+        """Whether any stay differs."""
+        return float(self.p_value.min()) < self.limit
 
     def findings(self) -> list[Finding]:
         """Return a finding where the modulus goes with heading."""

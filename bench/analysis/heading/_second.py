@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Literal
 
 import numpy as np
@@ -99,11 +99,11 @@ def choose_second(
     for kind, drivers in seconds.items():
         start = len(every)
         every += [run.drifts(columns) for columns in drivers.values()]
-        inputs[kind] = [(k, m) for k in range(start) if k < len(first) for m in range(start, len(every))]
+        inputs[kind] = list(product(range(len(first)), range(start, len(every))))
     folds = [_Fold(run, stay, every) for stay in stayed]
     left = {name: np.array([fold.left_out_as(sets) for fold in folds]) for name, sets in inputs.items()}
     taken = within_one_standard_error(left)[0]
-    return SecondChoice(None if taken == "none" else taken, left)  # type: ignore[arg-type]  # a Kind otherwise
+    return SecondChoice(next((kind for kind in KINDS if kind == taken), None), left)
 
 
 class _Fold:

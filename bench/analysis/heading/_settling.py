@@ -21,7 +21,7 @@ from bench.analysis.heading._temperature import harmonics
 from drivers.base.arrays import Array
 from drivers.base.constants import SIDEREAL_DAY_S
 
-HARMONICS = 4
+_HARMONICS = 4
 _TAU_RANGE_S = (0.5 * 3600.0, 72.0 * 3600.0)
 _GRID, _ROUNDS = 17, 3
 _BEND = 0.02
@@ -148,7 +148,7 @@ def _strength(fit: Restricted) -> float:
 
 def _course(part: WarmUp) -> Array:
     """Return hourly [time, steady course's columns, temperature]."""
-    return hourly(part.time_s, np.column_stack([harmonics(part.sidereal_rad, HARMONICS), part.temp_c]))
+    return hourly(part.time_s, np.column_stack([harmonics(part.sidereal_rad, _HARMONICS), part.temp_c]))
 
 
 def _told(constant: TimeConstant) -> str:

@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 
 _HOUR = 3600.0
 _SIGNIFICANT = 0.05
-_ONE_PERCENT = 0.01
 _AXES = "xyz"
 
 
@@ -290,17 +289,16 @@ def _modulus(test: ModulusTest | None) -> list[Block]:
         ">p",
     ]
     rows = []
-    limit = _ONE_PERCENT / len(test.p_value)
     for heading, change, sigma, p_value in zip(
         test.headings_deg, test.change_ug, test.sigma_ug, test.p_value, strict=True
     ):
         values = [fixed(value, 2) for value in np.stack((change, sigma), axis=1).ravel()]
-        tone: Tone = "bad" if p_value < limit else "plain"
+        tone: Tone = "bad" if p_value < test.limit else "plain"
         rows.append(named(f"{fixed(heading, 0)}°", *values, Cell(significant(p_value), tone)))
     caption = (
         "Change of the modulus of specific force from the reference heading, over the sidereal angle. No tilt "
         "changes it: what is found is the accelerometers' own error. A heading is called changed below "
-        f"p = {limit:.2g}."
+        f"p = {test.limit:.2g}."
     )
     return [Table(heads, rows, caption)]
 

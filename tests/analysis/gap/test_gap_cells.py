@@ -74,7 +74,7 @@ def test_cells_of_noise_hold_one_unit_of_energy_a_coefficient(nominal: Model) ->
     cells = group_cells(group, stack, nominal.noise)
     number = sum(cell.count for cell in cells)
     assert number == 6 * (good_length(4000) - 1)
-    energy = sum(float(cell.block[0, 0]) for cell in cells)
+    energy = sum(float(cell.products(np.zeros(1, np.int64))[0, 0]) for cell in cells)
     assert energy == pytest.approx(number, abs=4.0 * np.sqrt(2.0 * number))
 
 

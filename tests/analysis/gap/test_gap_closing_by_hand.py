@@ -104,7 +104,8 @@ def test_rows_of_runs_have_the_products_of_their_cells(period_s):
     raised = rescaled(cells, floor)
     of_band = floor[[each.band for each in cells]]
     assert weighted_gram(raised, variance) == pytest.approx(weighted_gram(cells, variance * of_band))
-    assert rescaled(raised, floor)[3].block == pytest.approx(cells[3].block / of_band[3] ** 2)
+    twice = rescaled(raised, floor)[3].products(np.arange(3))
+    assert twice == pytest.approx(cells[3].products(np.arange(3)) / of_band[3] ** 2)
     expected = sum(each.products(np.arange(3)) for each in raised if each.repeatable)
     assert shared.shape == (3, 2, N - 1)
     assert np.einsum("irk,jrk->ij", shared, shared) == pytest.approx(expected, rel=1e-5)
@@ -184,7 +185,7 @@ def cell(energy, count=50.0, band=3, profile="p", parity="run", same=True, power
 def test_places_are_cells_that_repeats_share_clear_ones_first_by_size():
     cells = [cell(500.0), cell(60.0, band=4), cell(900.0, same=False), cell(2000.0, 1000.0, band=5, power=1.0),
              cell(45.0, band=6)]  # fmt: skip
-    left = np.array([each.block[0, 0] for each in cells])
+    left = np.array([each.products(np.zeros(1, np.int64))[0, 0] for each in cells])
     found = places(cells, left, EXACT)
     assert [place.band for place in found] == [BANDS[k] for k in (5, 3, 4, 6)]
     assert [place.share for place in found] == pytest.approx([1000 / 1450, 450 / 1450, 0.0, 0.0])

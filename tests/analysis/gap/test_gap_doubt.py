@@ -43,7 +43,7 @@ def test_an_effect_that_is_little_of_what_is_there_in_its_runs_is_not_prevalent(
             cells.append(Cell(profile, "common", True, band, count, 2, np.arange(2), block, 1.0, 10000))
         left += [count, count + others]
     solution = Solution(np.array([1]), np.ones(1), np.zeros((1, 1)))
-    gap = np.array([cell.block[0, 0] for cell in cells]) + np.array(left) - count
+    gap = np.array([cell.products(np.zeros(1, np.int64))[0, 0] for cell in cells]) + np.array(left) - count
     rest = remainder(cells, np.ones(4), gap, np.array(left), _FLOOR, np.zeros(4))
     beyond = 900.0 - 2.0 * np.sqrt(2.0 * count)
     expected = 0.25 * 100.0 / (100.0 + beyond) + 0.75

@@ -104,7 +104,7 @@ def _cell(band: int, energy: float, count: int = 100, **other: Any) -> Cell:
 def test_a_formulas_misfit_is_tolerated_in_the_bands_beside_its_gap_too() -> None:
     """A lag of 180 s that really is one of 220 s leaves something at faster and slower periods than its gap's."""
     cells = [_cell(band, 5100.0 if band == 4 else 100.0) for band in range(8)]
-    left = np.array([cell.block[0, 0] for cell in cells])
+    left = np.array([cell.products(np.zeros(1, np.int64))[0, 0] for cell in cells])
     here = tolerated(cells, left)
     # a misfit of 0.35 of the amplitude, in its own band: 0.35^2 of a gap of 50 times the noise
     assert here[4] == pytest.approx(1.0 + 0.35**2 * 50.0)

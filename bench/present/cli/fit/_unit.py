@@ -238,7 +238,8 @@ def _print(console: Terminal, estimate: Estimate, content: CalibrationContent) -
         )
     if content.inflation is not None:
         console.say(
-            f"for 10 h of navigation a filter has to take the noise {content.inflation.factor:.1f} times as large"
+            f"for {content.inflation.hours[-1]:g} h of navigation a filter has to take the noise "
+            f"{content.inflation.factor:.1f} times as large"
         )
     console.say_all(f"poorly seen: {text}" for text in content.poorly_seen)
     console.say_all(f"note: {text}" for text in content.warnings)
