@@ -131,7 +131,7 @@ class Task:
 
 
 def rotation(axis: Array, angle_rad: Array) -> Array:
-    """Return the matrices, shape (n, 3, 3), of turns about the unit vector `axis` (3,) by `angle_rad` (n,)."""
+    """Return the matrices, shape (n, 3, 3), of turns about unit vectors (3,) or (n, 3) by `angle_rad` (n,)."""
     skew = cross_matrix(axis)
     angle = np.asarray(angle_rad, dtype=np.float64)[..., None, None]
     return np.asarray(np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * (skew @ skew))

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.calibration._conventions import Task, rotation, signed_permutations
-from bench.analysis.calibration._schedule import Move, Schedule
+from bench.analysis.calibration._conventions import Task, signed_permutations
+from bench.analysis.calibration._schedule import Move, Schedule, turn_matrices
 from bench.analysis.calibration._segments import (
     Segment,
     compose,
@@ -106,9 +105,8 @@ def build_graph(
 def _moved(attitudes: Array, moves: Sequence[Move]) -> Integers:
     index = {tuple(np.rint(attitude).astype(int).ravel()): at for at, attitude in enumerate(attitudes)}
     after = np.empty((24, len(moves)), dtype=np.int64)
-    for at, attitude in enumerate(attitudes):
-        for number, move in enumerate(moves):
-            turn = rotation(np.eye(3)[move.axis], np.array([math.radians(move.angle_deg)]))[0]
+    for number, turn in enumerate(turn_matrices(moves)):
+        for at, attitude in enumerate(attitudes):
             after[at, number] = index[tuple(np.rint(attitude @ turn).astype(int).ravel())]
     return after
 

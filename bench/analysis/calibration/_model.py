@@ -21,8 +21,10 @@ from bench.analysis.common.attitude import cross_matrix
 from drivers.base.arrays import Array
 
 MEASUREMENT_INTERVAL_S = 1.0
-_NODES_A_QUARTER = 20
-"""Gauss nodes for 90 deg: smooth turns are exact to 1e-12 (16 nodes leave 1e-10, 12 leave 7e-8)."""
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(20)
+"""For 90 deg: smooth turns are exact to 1e-12 (16 nodes leave 1e-10, 12 leave 7e-8)."""
+_KNOTS: Array = np.arange(7.0) * (2.0 * math.pi / 7.0)
+"""Angles, rad, that tell a trigonometric polynomial of degree 3."""
 
 
 def specific_force_matrix(site: Site) -> Array:
@@ -31,21 +33,24 @@ def specific_force_matrix(site: Site) -> Array:
 
 
 def forcing(attitude: Array, rate_rad_s: Array, force_mps2: Array) -> Array:
-    """Return B, shape (n, 6, 24), from C (n, 3, 3), body rate and specific force in b, (n, 3) each."""
-    b = np.zeros((len(attitude), 6, 24))
-    b[:, :3, 0:3] = -attitude
-    b[:, 3:, 3:6] = attitude
-    for column in range(3):
-        at = 6 + 3 * column
-        b[:, :3, at : at + 3] = -attitude * rate_rad_s[:, column, None, None]
-    for at, (row, column) in enumerate(KA_ELEMENTS):
-        b[:, 3:, 15 + at] = attitude[:, :, row] * force_mps2[:, column, None]
-    b[:, 3:, 21:24] = attitude * (force_mps2**2)[:, None, :]
+    """Return B, shape (..., 6, 24), from C (..., 3, 3), body rate and specific force in b, (..., 3) each."""
+    b = np.zeros((*attitude.shape[:-2], 6, 24))
+    b[..., :3, 0:3] = -attitude
+    b[..., 3:, 3:6] = attitude
+    b[..., :3, 6:15] = -by_column(attitude, rate_rad_s)
+    rows, columns = np.transpose(KA_ELEMENTS)
+    b[..., 3:, 15:21] = attitude[..., rows] * force_mps2[..., None, columns]
+    b[..., 3:, 21:24] = attitude * (force_mps2**2)[..., None, :]
     return b
 
 
+def by_column(attitude: Array, vector: Array) -> Array:
+    """Return d(C K v) / dK, shape (..., i, 9), from C (..., i, 3) and v (..., 3), K (3, 3) column by column."""
+    return np.asarray((attitude[..., None, :] * vector[..., None, :, None]).reshape(*attitude.shape[:-1], 9))
+
+
 def rest_inputs(site: Site, attitude: Array) -> tuple[Array, Array]:
-    """Return body rate in rad/s and specific force in m/s^2, (n, 3) each, at rest at C (n, 3, 3)."""
+    """Return body rate in rad/s and specific force in m/s^2, (..., 3) each, at rest at C (..., 3, 3)."""
     gravity = np.array([0.0, 0.0, site.gravity_mps2])
     return np.asarray(site.earth_rate_rad_s @ attitude), np.asarray(gravity @ attitude)
 
@@ -90,32 +95,66 @@ def turn_angle(profile: Profile, angle_rad: float, duration_s: float, time_s: Ar
 def turn_transitions(
     site: Site, attitude: Array, moves: Sequence[Move], rate_dps: float, profile: Profile
 ) -> Array:
-    """Return the navigation rows of the transition over turns from C (n, 3, 3), one move each: (n, 6, 30)."""
+    """Return the navigation rows of the transition over turns from C (n, 3, 3), one move each: (n, 6, 30).
+
+    In the angle turned B is a trigonometric polynomial of degree 3 (K_2: C f^2), plus the rate times one of
+    degree 1. So B at `_KNOTS`, angles around the circle, tells it at every angle, and what each of them weighs
+    follows from the size of the turn alone.
+    """
+    sizes = np.array([abs(move.angle_deg) for move in moves], dtype=int)
+    axes = np.eye(3)[np.array([move.axis for move in moves], dtype=int)]
+    axes *= np.sign([move.angle_deg for move in moves])[:, None]
+    c = attitude[:, None] @ rotation(axes[:, None], _KNOTS)
+    b = forcing(c, *rest_inputs(site, c))
     found = np.empty((len(moves), 6, STATES))
-    for number, move in enumerate(moves):
-        duration = abs(move.angle_deg) / rate_dps
-        nodes, weights = np.polynomial.legendre.leggauss(_NODES_A_QUARTER * max(1, abs(move.angle_deg) // 90))
-        time, weights = duration * (nodes + 1.0) / 2.0, weights * duration / 2.0
-        axis = np.eye(3)[move.axis]
-        angle, rate = turn_angle(profile, math.radians(move.angle_deg), duration, time)
-        c = attitude[number] @ rotation(axis, angle)
-        rest, force = rest_inputs(site, c)
-        to_end, _ = propagators(site, duration - time)
-        b = forcing(c, rest + rate[:, None] * axis, force)
-        whole, _ = propagators(site, np.array([duration]))
-        found[number, :, :6] = whole[0]
-        found[number, :, 6:] = np.einsum("n,nij,njk->ik", weights, to_end, b)
+    for size in np.unique(sizes).tolist():
+        of_size = sizes == size
+        whole, at_rest, turning = _over_turn(site, math.radians(size), size / rate_dps, profile)
+        driven = _summed(at_rest, b[of_size])
+        driven[..., 6:15] -= by_column(_summed(turning, c[of_size]), axes[of_size])
+        found[of_size, :, :6], found[of_size, :, 6:] = whole, driven
     return found
 
 
-def process_noise(site: Site, noise: Noise, time_s: float) -> Array:
-    """Return the covariance, (6, 6), that white noise adds to (phi, dv) in `time_s`; isotropic, so C cancels."""
-    force = specific_force_matrix(site)
-    q = np.zeros((6, 6))
-    q[:3, :3] = noise.arw**2 * time_s * np.eye(3)
-    q[3:, 3:] = noise.vrw**2 * time_s * np.eye(3) + noise.arw**2 * time_s**3 / 3.0 * force @ force.T
-    q[3:, :3] = noise.arw**2 * time_s**2 / 2.0 * force
-    q[:3, 3:] = q[3:, :3].T
+def _over_turn(
+    site: Site, angle_rad: float, duration_s: float, profile: Profile
+) -> tuple[Array, Array, Array]:
+    """Return E(T), (6, 6), and int E(T - t) l(t) dt, (k, 6, 6), and int E(T - t) l(t) rate dt, (k, 6, 3).
+
+    l is 1 at one of the k knots and 0 at the others: the Dirichlet kernel of degree 3. One Gauss quadrature for
+    each quarter of the turn.
+    """
+    panels = max(1, round(2.0 * angle_rad / math.pi))
+    time = duration_s / panels * (np.arange(panels)[:, None] + (_NODES + 1.0) / 2.0).ravel()
+    angle, rate = turn_angle(profile, angle_rad, duration_s, time)
+    degrees = np.arange(1, 4)[:, None, None]
+    kernel = (1.0 + 2.0 * np.cos(degrees * (_KNOTS[:, None] - angle)).sum(axis=0)) / len(_KNOTS)
+    kernel *= duration_s / panels / 2.0 * np.tile(_WEIGHTS, panels)
+    whole, *to_end = propagators(site, duration_s - np.concatenate(([0.0], time)))[0]
+    steps = np.reshape(to_end, (-1, 36))
+    at_rest, turning = ((part @ steps).reshape(-1, 6, 6) for part in (kernel, kernel * rate))
+    return whole, at_rest, turning[..., :3]
+
+
+def _summed(weights: Array, parts: Array) -> Array:
+    """Return the sum over k of weights (k, 6, i) times parts (n, k, i, j): (n, 6, j)."""
+    count, knots, columns, width = parts.shape
+    left = np.swapaxes(weights, 0, 1).reshape(6, knots * columns)
+    return np.asarray(left @ parts.reshape(count, knots * columns, width))
+
+
+def process_noise(site: Site, noise: Noise, time_s: float | Array) -> Array:
+    """Return the covariance, (..., 6, 6), that white noise adds to (phi, dv) in times (...).
+
+    It is isotropic, so C cancels.
+    """
+    force, one, t = specific_force_matrix(site), np.eye(3), np.asarray(time_s)[..., None, None]
+    angle = noise.arw**2 * t
+    across = angle * t / 2.0 * force
+    q = np.empty((*np.shape(time_s), 6, 6))
+    q[..., :3, :3] = angle * one
+    q[..., 3:, 3:] = noise.vrw**2 * t * one + angle * t**2 / 3.0 * (force @ force.T)
+    q[..., 3:, :3], q[..., :3, 3:] = across, -across
     return q
 
 

@@ -6,7 +6,6 @@ point: `x up, y south`. A scheme file (TOML) holds name, source, home, moves, an
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -84,8 +83,7 @@ class Schedule:
     def attitudes(self) -> Array:
         """Return C of every dwell, shape (positions, 3, 3)."""
         found = [self.home]
-        for move in self.moves:
-            turn = rotation(np.eye(3)[move.axis], np.array([math.radians(move.angle_deg)]))[0]
+        for turn in turn_matrices(self.moves):
             found.append(found[-1] @ turn)
         return np.array(found)
 
@@ -96,6 +94,12 @@ class Schedule:
     def with_(self, **changes: Any) -> Schedule:
         """Return the schedule with fields replaced."""
         return replace(self, **changes)
+
+
+def turn_matrices(moves: Sequence[Move]) -> Array:
+    """Return the matrix of every move, shape (n, 3, 3)."""
+    axes = np.array([move.axis for move in moves], dtype=int)
+    return rotation(np.eye(3)[axes], np.radians([move.angle_deg for move in moves]))
 
 
 def moves_text(moves: Sequence[Move]) -> str:

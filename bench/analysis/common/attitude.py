@@ -14,10 +14,12 @@ _BLOCK = 32
 
 def cross_matrix(vector: Array) -> Array:
     """Return [v x], shape (..., 3, 3), of v (..., 3)."""
-    x, y, z = np.moveaxis(np.asarray(vector, dtype=np.float64), -1, 0)
-    zero = np.zeros_like(x)
-    rows = ((zero, -z, y), (z, zero, -x), (-y, x, zero))
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    v = np.asarray(vector, dtype=np.float64)
+    skew = np.zeros((*v.shape, 3))
+    for row, column, at in ((1, 2, 0), (2, 0, 1), (0, 1, 2)):
+        skew[..., column, row] = v[..., at]
+        skew[..., row, column] = -v[..., at]
+    return skew
 
 
 def rotations(vectors: Array) -> Array:

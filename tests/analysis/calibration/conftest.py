@@ -144,6 +144,7 @@ def plain() -> SimpleNamespace:
         null_space_degree=null_space_degree,
         skew=skew,
         second=second,
+        turn_about=turn_about,
         turn_matrix=turn_matrix,
         kept=KEPT,
     )

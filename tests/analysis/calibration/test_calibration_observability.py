@@ -10,7 +10,7 @@ import pytest
 from bench.analysis.calibration import PARAMETERS, STATE_NAMES, UNIT_SIZE, Schedule, Task, after, load_scheme
 from bench.analysis.calibration._model import observability_matrix
 from bench.analysis.calibration._result import observability
-from bench.analysis.calibration._schedule import parse_moves
+from bench.analysis.calibration._schedule import Profile, parse_moves
 from bench.analysis.calibration._segments import (
     chain_segments,
     compose,
@@ -77,7 +77,10 @@ def test_three_matrix_elements_are_conventions_and_no_more(plain: SimpleNamespac
 
 @pytest.mark.parametrize("profile", ["constant", "smooth"])
 def test_closed_form_transitions_equal_runge_kutta(plain: SimpleNamespace, profile: str) -> None:
-    schedule = Schedule("t", parse_moves("+x -y180 +z"), np.eye(3), 20.0, profile=profile)  # type: ignore[arg-type]
+    moves = parse_moves("+x -y180 +z -z270 +x360")
+    schedule = Schedule(
+        "t", moves, plain.turn_about(1, 0.7) @ plain.turn_about(2, 0.4), 20.0, profile=profile
+    )  # type: ignore[arg-type]
     reference = plain.q_matrix(TASK, schedule)[:, [*range(24), 25, 26, 29, 30, 31, 32]]
     ours = observability_matrix(TASK.site, schedule)
     assert np.max(np.abs(ours - reference) / np.abs(reference).max(axis=0)) < 2e-9
@@ -128,6 +131,21 @@ def test_segment_chain_equals_the_filter_step_by_step(plain: SimpleNamespace, na
     np.testing.assert_allclose(final_sigma(schedule), plain.kalman(TASK, schedule), rtol=1e-8)
 
 
+@pytest.mark.parametrize("profile", ["constant", "smooth"])
+@pytest.mark.parametrize("dwell_s", [1.0, 7.0, 12.0])  # 1, 111, 1100: powers that are taken and that are not
+def test_turns_of_any_size_between_short_rests_off_the_grid(
+    plain: SimpleNamespace, dwell_s: float, profile: Profile
+) -> None:
+    moves = parse_moves("-x +y180 -z270 +y -x360 +z +x")
+    home = plain.turn_about(0, 0.3) @ plain.turn_about(2, -1.1)
+    schedule = Schedule("short", moves, home, dwell_s, 25.0, profile)
+    covariances = covariance(fold(schedule_segments(TASK, schedule))), plain.covariance(TASK, schedule)
+    ours, theirs = (np.diag(found) for found in covariances)
+    np.testing.assert_allclose(ours, theirs, rtol=1e-8)
+    sizes = np.sqrt(np.outer(theirs, theirs))
+    assert np.max(np.abs(covariances[0] - covariances[1]) / sizes) < 1e-8
+
+
 def test_three_turns_in_six_orders_from_z_up() -> None:
     ranks, gains = [], []
     for order in ("xyz", "xzy", "yxz", "yzx", "zxy", "zyx"):
@@ -173,7 +191,7 @@ def test_folding_in_pairs_is_chaining(name: str) -> None:
 def test_composition_is_associative() -> None:
     a, b, c = (schedule_segments(TASK, load_scheme("o8").with_(dwell_s=30.0))[at] for at in (0, 3, 6))
     left, right = compose(compose(a, b), c), compose(a, compose(b, c))
-    for name in ("transition", "information", "noise"):
+    for name in ("change", "information", "noise"):
         ours, theirs = getattr(left, name), getattr(right, name)
         np.testing.assert_allclose(ours, theirs, rtol=1e-8, atol=1e-10 * np.abs(theirs).max())
 
