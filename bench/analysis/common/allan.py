@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError, RecordError
 
-_BLOCK = 16384
-"""Starts worked on at once: the buffers stay in a 256 KiB cache."""
+_BLOCK = 65536
+"""Starts worked on at once: a few buffers of 512 KiB stay in a cache, and calls cost little beside."""
+_ROW = 16
+"""Samples that a matrix product sums up together: in `cumsum` every addition waits for the one before."""
+_LOSS = 1e6
+"""By how much squares of sums may exceed those of their differences: nine of sixteen digits are left."""
 _IN_BLOCKS = 7
 """Octaves, up to 64 samples, that are worked on block by block: what is left of a long record is short then."""
 FEW_STARTS = 16
@@ -62,11 +68,13 @@ def allan_deviation(
     few = count > LONG_RECORD if all_starts is None else not all_starts
     lengths = _averaging_lengths(count, rate_hz, "octave" if tau_s is None else tau_s)
     # threads gain nothing where memory is the limit, and wait for each other at every block of a busy machine
-    with threadpool_limits(1, "blas") if count > _BLOCK else nullcontext():
+    with _blas().limit(limits=1, user_api="blas") if count > _BLOCK else nullcontext():
+        terms = count + 1 - 2 * lengths
         if octaves and few:
-            squares, terms = _octaves(samples, len(lengths))
+            squares, terms = _few_starts(samples, len(lengths))
+        elif octaves and count > LONG_RECORD:
+            squares = _every_start(samples, lengths)
         else:
-            terms = count + 1 - 2 * lengths
             phase = np.concatenate(([0.0], np.cumsum(samples - samples.mean())))
             squares = np.array([_sum_of_squares(phase, int(m)) for m in lengths])
     if not np.isfinite(squares).all():
@@ -106,6 +114,12 @@ def _averaging_lengths(count: int, rate_hz: float, tau_s: ArrayLike) -> NDArray[
     return lengths.astype(np.int64)
 
 
+@cache
+def _blas() -> ThreadpoolController:
+    """Return what sets BLAS threads; to look for the libraries takes a millisecond."""
+    return ThreadpoolController()
+
+
 def _sum_of_squares(phase: Array, m: int) -> float:
     """Sum of squares of the second differences of `phase` over `m` samples, in blocks that stay in cache."""
     count = len(phase) - 2 * m
@@ -121,7 +135,48 @@ def _sum_of_squares(phase: Array, m: int) -> float:
     return total
 
 
-def _octaves(samples: Array, octaves: int) -> tuple[Array, NDArray[np.int64]]:
+def _every_start(samples: Array, lengths: NDArray[np.int64]) -> Array:
+    """Return the sums of squares of all second differences for averaging lengths 1, 2, 4 ...: as `lengths`.
+
+    Let W(i) be the sum of m samples from i, V(i) that of 2m. Since V(i) = W(i+m) + W(i),
+    (W(i+m) - W(i))^2 = 2 W(i+m)^2 + 2 W(i)^2 - V(i)^2, and V is the next octave's W: an octave costs one
+    difference of the phase and one product. A record that drifts far beside its noise loses digits so; octaves
+    that lose too many are computed from their second differences.
+    """
+    count = len(samples)
+    windows = np.append(lengths, 2 * lengths[-1])
+    # cut where sums or differences of an octave begin to end in the phase: those of a block count alike
+    cuts = np.unique([*range(1, count + 1, _BLOCK), *windows, *(count + 1 - windows), count + 1])
+    squares = np.zeros((len(windows), len(cuts) - 1))
+    phase = np.zeros(1 + -(-count // _BLOCK) * _BLOCK)
+    level, centred, work = samples[:: count // _BLOCK].mean(), np.zeros(_BLOCK), np.empty(_BLOCK)
+    for number, (begin, end) in enumerate(pairwise(cuts.tolist())):
+        if begin % _BLOCK == 1:
+            part = samples[begin - 1 : begin - 1 + _BLOCK]
+            np.subtract(part, level, out=centred[: len(part)])
+            centred[0] += phase[begin - 1]
+            _running_sum(centred, phase[begin : begin + _BLOCK])
+        here, sums = phase[begin:end], work[: end - begin]
+        for octave, m in enumerate(windows[windows <= begin].tolist()):
+            np.subtract(here, phase[begin - m : end - m], out=sums)
+            squares[octave, number] = sums @ sums
+    first = cuts[:-1] <= count - windows[:, None]
+    second = cuts[:-1] >= 2 * windows[:, None]
+    added = 2.0 * (squares * first + squares * second).sum(axis=1)[:-1]
+    found = added - squares.sum(axis=1)[1:]
+    for octave in np.flatnonzero(added > _LOSS * found).tolist():
+        found[octave] = _sum_of_squares(phase[: count + 1], int(lengths[octave]))
+    return np.asarray(found)
+
+
+def _running_sum(values: Array, out: Array) -> None:
+    """Write the running sum of `values` to `out`, (n,) both, n a multiple of `_ROW`."""
+    rows = out.reshape(-1, _ROW)
+    np.matmul(values.reshape(-1, _ROW), np.triu(np.ones((_ROW, _ROW))), out=rows)
+    rows[1:] += np.cumsum(rows[:-1, -1])[:, None]
+
+
+def _few_starts(samples: Array, octaves: int) -> tuple[Array, NDArray[np.int64]]:
     """Return the sums of squares and their terms for averaging lengths 1, 2, 4 ...; shape (octaves,) each.
 
     The sums over 2m samples are made of those over m, so the record is read once. From `FEW_STARTS` samples on

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from bench.analysis.common.allan import _BLOCK, AllanDeviation, allan_deviation
+from bench.analysis.common.allan import _BLOCK, LONG_RECORD, AllanDeviation, allan_deviation
 from bench.analysis.common.allan_confidence import confidence_interval, degrees_of_freedom, noise_exponents
 from bench.analysis.common.allan_noise import NOISE_NAMES, _basis, _Scatter, _spectra, fit_noise
 from drivers.base.errors import ConfigurationError, RecordError
@@ -102,6 +102,43 @@ def test_a_long_record_is_within_a_fraction_of_its_own_error_of_all_starts() -> 
     assert np.array_equal(few.tau_s, full.tau_s)
     assert np.allclose(few.deviation[:5], full.deviation[:5], rtol=1e-10)
     assert (np.abs(few.deviation / full.deviation - 1) < 0.3 * full.relative_error).all()
+
+
+def long_record(kind: str) -> np.ndarray:
+    """A record a little longer than a long one, no multiple of a block."""
+    count = LONG_RECORD + 4321
+    rng, at = np.random.default_rng(21), np.arange(count)
+    white = rng.normal(size=count)
+    return {
+        "white": white,
+        "white on a level": white + 7.2e4,
+        "angle noise": np.round(np.diff(rng.normal(size=count + 1)), 3),
+        "walk": np.cumsum(white) * 1e-2,
+        "ramp": white + 1e6 * at / count,
+        "steps": white + 50.0 * (at // 100_000 % 2),
+        "spike": white + 1e5 * (at == count // 2),
+    }[kind]
+
+
+@pytest.mark.parametrize(
+    "kind", ["white", "white on a level", "angle noise", "walk", "ramp", "steps", "spike"]
+)
+def test_octaves_of_a_long_record_from_every_start_are_the_definition(kind: str) -> None:
+    data = long_record(kind)
+    ours = allan_deviation(data, 100.0, all_starts=True)
+    # the definition, with 64 bits of mantissa, at any length below, at and above a block and at the longest
+    level = np.longdouble(data.sum()) / len(data)
+    phase = np.concatenate((np.zeros(1, np.longdouble), np.cumsum(data.astype(np.longdouble) - level)))
+    lengths = np.rint(ours.tau_s * 100.0).astype(int)
+    assert lengths.tolist() == [2**octave for octave in range(20)]
+    for at in (0, 1, 2, 5, 9, 14, 15, 16, 18, 19):
+        m = lengths[at]
+        second = phase[2 * m :] - 2 * phase[m:-m] + phase[: -2 * m]
+        assert ours.terms[at] == len(second)
+        assert ours.deviation[at] == pytest.approx(float(np.sqrt(np.mean(second**2) / 2)) / m, rel=1e-8)
+    tau, expected, _, number = allantools.oadev(data, rate=100.0, data_type="freq", taus=ours.tau_s)
+    assert np.allclose(ours.deviation[: len(tau)], expected, rtol=1e-8)
+    assert np.array_equal(ours.terms[: len(number)], number)
 
 
 def test_all_averaging_times() -> None:
