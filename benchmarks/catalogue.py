@@ -14,12 +14,15 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from time import process_time
 
 from bench.record.catalogue import Catalogue, root_name
+from bench.record.run_folder import MANIFEST_FILE
 from benchmarks._measure import Row, figure, usual
 from drivers.base.clock import host_seconds
 
 _BUDGET_S = 0.3
+_NEW_GOAL_S = 1.0
 _REPEATS = 5
 
 
@@ -61,6 +64,10 @@ def rows(count: int | None = None) -> list[Row]:
             for folder in runs.iterdir()
         }
         loop_s = host_seconds() - begin
+        begin = process_time()
+        _floor(runs)
+        floor_s = process_time() - begin
+        _, new_s = _process(["runs", "list", str(runs), "--catalogue", f"sqlite:///{scratch}/new.sqlite"])
         begin = host_seconds()
         with Catalogue(f"sqlite:///{scratch}/runs.sqlite") as catalogue:
             catalogue.rebuild(runs)
@@ -71,7 +78,10 @@ def rows(count: int | None = None) -> list[Row]:
     title = f"{count:,} runs"
     cpu_s = statistics.median(seconds for _, seconds in commands)
     limit = "limit of the design"
+    new = f"{title}: `gyrobench runs list`, all of them new, processor time"
     return [
+        figure(new, new_s, _NEW_GOAL_S, "goal", "s", least=True),
+        figure(new, new_s, floor_s, "limit: scandir, every manifest read and parsed", "s", least=True),
         figure(
             f"{title}: one unit, one procedure, since 2026-10", asked_s, _BUDGET_S, limit, "s", least=True
         ),
@@ -95,6 +105,16 @@ def rows(count: int | None = None) -> list[Row]:
     ]
 
 
+def _floor(runs: Path) -> None:
+    """Find every run folder, read and parse its manifest: nothing is looked at, nothing kept."""
+    with os.scandir(runs) as entries:
+        names = [entry.name for entry in entries if entry.is_dir()]
+    for name in names:
+        descriptor = os.open(f"{runs}/{name}/{MANIFEST_FILE}", os.O_RDONLY)
+        json.loads(os.read(descriptor, 1 << 16))
+        os.close(descriptor)
+
+
 def _ask(url: str, runs: Path) -> float:
     begin = host_seconds()
     with Catalogue(url) as catalogue:
@@ -111,7 +131,6 @@ def _command(url: str, runs: Path) -> tuple[float, float]:
     arguments = [
         "runs",
         "list",
-        "--runs",
         str(runs),
         "--catalogue",
         url,
@@ -120,6 +139,11 @@ def _command(url: str, runs: Path) -> tuple[float, float]:
         "--since",
         "2026-10",
     ]
+    return _process(arguments)
+
+
+def _process(arguments: list[str]) -> tuple[float, float]:
+    """Return wall time and processor time, s, of `gyrobench` with `arguments`, its start included."""
     before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), host_seconds()
     subprocess.run(
         [sys.executable, "-c", "from bench.present.cli import main; main()", *arguments],
