@@ -164,7 +164,8 @@ class Link:
         def opener() -> Any:
             if is_visa(self.url):
                 return VisaPort(self.url)
-            if SELECTS_FILES:
+            # pyserial's `socket://` sleeps 0.3 s when it is closed
+            if SELECTS_FILES and not self.url.startswith("socket://"):
                 return serial.serial_for_url(self.url, timeout=0, **self._settings)
             return SocketPort(self.url, **self._settings)
 

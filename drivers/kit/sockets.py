@@ -1,6 +1,6 @@
-"""Ports as sockets, for systems that wait for sockets only (Windows): a serial port is pumped by two threads.
+"""Ports as sockets: a device at `socket://host:port`, and any port on systems that wait for sockets only (Windows).
 
-Untried on Windows itself; the tests run it elsewhere, over pseudo-terminals and TCP.
+There a serial port is pumped by two threads; untried on Windows itself, the tests run it elsewhere.
 """
 
 from __future__ import annotations
