@@ -3,9 +3,9 @@ chamber and table polled every second, recorded, decoded to Parquet, sealed; and
 
     python -m benchmarks end_to_end
 
-Yardsticks in the same process: the same bytes through a pty, read in blocks and dropped (the limit); those with the
-questions and answers of chamber and table, one at a time, nothing computed; and the bytes read frame by frame with
-pyserial and `struct` (what people write).
+Yardsticks in the same process: the same bytes through a pty, read in blocks and dropped (the limit); those with
+the questions and answers of chamber and table, one at a time, nothing computed; and the bytes read frame by frame
+with pyserial and `struct` (what people write).
 """
 
 from __future__ import annotations
@@ -146,7 +146,7 @@ def pty_limit(n_bytes: int) -> float:
 def ports_limit(seconds: int) -> float:
     """Return wall seconds of a run's system calls alone, in one process, for `seconds` of bench time.
 
-    Each second two questions over TCP and one over a pty with their answers, every four the gyro's blocks over another.
+    Each second two questions over TCP and one over a pty, with their answers; every four the gyro's blocks.
     """
     block = bytes(RATE_HZ * FRAME_BYTES)  # of a second: a pty holds 4096 bytes
     listener = socket.create_server(("127.0.0.1", 0))

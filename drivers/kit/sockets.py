@@ -1,4 +1,4 @@
-"""Ports as sockets: a device at `socket://host:port`, and any port on systems that wait for sockets only (Windows).
+"""Ports as sockets: a device at `socket://host:port`, and any port where only sockets can be waited on (Windows).
 
 There a serial port is pumped by two threads; untried on Windows itself, the tests run it elsewhere.
 """

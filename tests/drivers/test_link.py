@@ -114,6 +114,23 @@ def test_a_socket_that_ends_is_lost_and_an_idle_one_is_not():
     clock.close()
 
 
+def test_a_socket_is_closed_at_once_and_its_peer_told(monkeypatch):
+    def sleep(duration_s: float) -> None:
+        raise AssertionError(f"closing slept {duration_s} s")
+
+    clock = CountingClock()
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        link = Link(f"socket://127.0.0.1:{server.getsockname()[1]}", clock, name="chamber")
+        peer, _ = server.accept()
+        with peer:
+            link.write(b"1?")
+            monkeypatch.setattr("time.sleep", sleep)
+            link.close()
+            assert peer.recv(16) == b"1?"
+            assert peer.recv(16) == b""
+    clock.close()
+
+
 def test_a_port_is_for_one_program(link, terminal):
     with pytest.raises(ConfigurationError, match="cannot be opened") as busy:
         Link(terminal[1], link.clock, name="second")
