@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 from drivers.base.errors import ConfigurationError
 from drivers.kit.config import key
+from drivers.kit.registry import one_of
 
 WIRE_FAULTS: Mapping[str, str] = {
     "drop": "`count` bytes of a message are lost",
@@ -75,7 +76,7 @@ class Fault:
         """
         known = [*WIRE_FAULTS, *COMMAND_FAULTS, VANISH, *device_faults]
         if self.kind not in known:
-            raise self._unusable(f"kind {self.kind!r}", "one of " + ", ".join(known))
+            raise self._unusable(f"kind {self.kind!r}", one_of(self.kind, known))
         if bool(self.at_s) == bool(self.rate_per_h):
             raise self._unusable(
                 f"at_s {list(self.at_s)} and rate_per_h {self.rate_per_h:g}", "one of the two, not 0 or empty"

@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
@@ -279,14 +279,19 @@ def load_plant(path: Path | None, seed: int | None = None) -> Plant:
 def _mistake(details: ErrorDetails) -> Mistake:
     where, key = details["loc"], ".".join(map(str, details["loc"]))
     if details["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-        section = Plant.model_fields[str(where[0])].annotation if len(where) == 2 else None
-        names = list(Plant.model_fields) if len(where) == 1 else []
-        if dataclasses.is_dataclass(section):
-            names = [each.name for each in dataclasses.fields(section)]
-        return Mistake(key, "an unknown key", one_of(str(where[-1]), names) if names else "no such key there")
+        return Mistake(key, "an unknown key", one_of(str(where[-1]), _names_at(where[:-1])))
     if details["type"] in ("missing", "missing_argument"):
         return Mistake(key, "nothing", "a value")
     return Mistake(key, repr(details["input"]), details["msg"].removeprefix("Input should be "))
+
+
+def _names_at(where: tuple[int | str, ...]) -> list[str]:
+    """Return the keys of the table at a place of a plant file: the file's, or a section's."""
+    if not where:
+        return list(Plant.model_fields)
+    kind = Plant.model_fields[str(where[0])].annotation
+    sections = (each for each in (kind, *get_args(kind)) if dataclasses.is_dataclass(each))
+    return [field.name for section in sections for field in dataclasses.fields(section)]
 
 
 def lab_config(

@@ -153,12 +153,16 @@ def test_a_plant_file_is_told_all_that_is_wrong_with_it(tmp_path):
     assert "3 mistakes in the plant file" in said and "pydantic" not in said
     assert "adapter_batch_ms.fog_1: found 0, expected greater than 0" in said
     assert "sed: found an unknown key, expected one of actual, adapter_batch_ms" in said
-    assert "fault.0.when: found an unknown key" in said
+    assert "fault.0.when: found an unknown key, expected one of at_s, count, duration_s" in said
     (tmp_path / "field.toml").write_text("[ground]\nsway_ms = 1e-3\n")
     with pytest.raises(ConfigurationError) as refused:
         load_plant(tmp_path / "field.toml")
     assert "ground.sway_ms cannot be used. Found: an unknown key" in str(refused.value)
     assert "did you mean 'sway_mps'?" in str(refused.value)
+    (tmp_path / "bearing.toml").write_text("[bearing.INS-1]\nlines_arcsec = []\nplay_travel = 3\n")
+    with pytest.raises(ConfigurationError, match=r"bearing\.INS-1\.play_travel cannot be used") as refused:
+        load_plant(tmp_path / "bearing.toml")
+    assert "did you mean 'play_travel_deg'?" in str(refused.value)
 
 
 def test_an_adapter_of_no_unit_is_refused(bench, fog_file):
