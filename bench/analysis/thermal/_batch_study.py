@@ -24,6 +24,7 @@ from bench.analysis.thermal._batch import (
 from bench.analysis.thermal._compensation import Compensation
 from bench.analysis.thermal._evaluate import Scores
 from bench.analysis.thermal._features import prepare
+from bench.analysis.thermal._registry import require_models
 from bench.analysis.thermal._study import judged, load_runs
 from bench.analysis.thermal._types import FeatureRun, Prediction, ThermalRun
 from bench.analysis.thermal._width import fit_width
@@ -136,6 +137,7 @@ def study_batch(
 ) -> BatchStudy:
     """Return the study of run folders of several units; ConfigurationError as `run_batch`, and for invalid
     runs."""
+    require_models(names or ())
     return run_batch(load_runs(folders, gyro), load_runs(tests, gyro, allow_invalid=True), names, fan=fan)
 
 

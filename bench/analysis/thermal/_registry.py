@@ -7,7 +7,7 @@ model's `name`, its object a callable without arguments that returns an unfitted
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any, cast
 
@@ -76,6 +76,12 @@ def new_model(name: str) -> ThermalModel:
         expected=f"one of {', '.join(model_names())}",
         remedy="correct the name, or install the package that brings the model",
     )
+
+
+def require_models(names: Iterable[str]) -> None:
+    """Raise ConfigurationError for a name of no model, or for settings that it does not take."""
+    for name in names:
+        new_model(name)
 
 
 def is_network(name: str) -> bool:

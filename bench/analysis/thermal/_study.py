@@ -17,6 +17,7 @@ from bench.analysis.thermal._evaluate import Scores, evaluate
 from bench.analysis.thermal._features import prepare
 from bench.analysis.thermal._leave_out import choose
 from bench.analysis.thermal._lstm import LstmModel
+from bench.analysis.thermal._registry import require_models
 from bench.analysis.thermal._selection import ModelScore, fit_models, score_models
 from bench.analysis.thermal._stream import FEATURES, Limits
 from bench.analysis.thermal._types import FeatureRun, ThermalModel, ThermalRun
@@ -144,6 +145,7 @@ def study_folders(
 
     ConfigurationError as `run_study`, and for an invalid run to fit or to choose on: only a test run may be one.
     """
+    require_models(names or ())  # before minutes go into reading and fitting
     training, choosing = load_runs(train, gyro), load_runs(validation, gyro)
     return run_study(training, choosing, load_runs(tests, gyro, allow_invalid=True), names, fan=fan)
 

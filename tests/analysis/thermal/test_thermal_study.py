@@ -12,11 +12,12 @@ import pytest
 from bench.analysis.export import NETWORK_FILE, export_study
 from bench.analysis.thermal import _study
 from bench.analysis.thermal._anchor import anchor_runs
+from bench.analysis.thermal._batch_study import study_batch
 from bench.analysis.thermal._features import prepare
 from bench.analysis.thermal._stream import FEATURES
 from bench.analysis.thermal._study import load_runs, run_study, study_folders
 from bench.analysis.thermal._types import ThermalRun
-from drivers.base.errors import ConfigurationError
+from drivers.base.errors import ConfigurationError, RecordError
 
 NAMES = ("poly3", "multilinear")
 N = 3600
@@ -180,6 +181,20 @@ def test_only_a_run_to_judge_on_may_have_been_stopped(monkeypatch: pytest.Monkey
     for train, validation in (([stopped], [whole]), ([whole], [stopped])):
         with pytest.raises(ConfigurationError, match="not completed cannot be fitted"):
             study_folders(train, validation)
+
+
+@pytest.mark.parametrize("study", [study_folders, study_batch])
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [("polly3", "no thermal model named 'polly3'"), ("lstm:inputs=t_in/t_case", "cannot have: 't_case'")],
+)
+def test_a_model_that_nobody_has_is_refused_before_a_run_is_read(study, wrong: str, says: str) -> None:
+    nowhere = Path("no such folder")
+    others = ([nowhere],) if study is study_folders else ()
+    with pytest.raises(ConfigurationError, match=says):
+        study([nowhere], *others, names=[*NAMES, wrong])
+    with pytest.raises(RecordError):
+        study([nowhere], *others, names=NAMES)
 
 
 def test_the_best_network_has_a_compensation_of_its_own_and_its_file(tmp_path: Path) -> None:
