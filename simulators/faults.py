@@ -87,7 +87,7 @@ class Fault:
             raise self._unusable(f"count {self.count}", "1 or more")
         allowed = (texts or {}).get(self.kind)
         if self.text and allowed is not None and self.text not in allowed:
-            raise self._unusable(f"{self.kind} with text {self.text!r}", "one of " + ", ".join(allowed))
+            raise self._unusable(f"{self.kind} with text {self.text!r}", one_of(self.text, allowed))
         if self.kind == "bad_check" and (wire is None or not wire.check_bytes):
             raise self._unusable("bad_check", "another kind: this device's messages carry no check value")
 

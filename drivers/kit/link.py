@@ -165,7 +165,7 @@ class Link:
             if is_visa(self.url):
                 return VisaPort(self.url)
             # pyserial's `socket://` sleeps 0.3 s when it is closed
-            if SELECTS_FILES and not self.url.startswith("socket://"):
+            if SELECTS_FILES and is_serial(self.url):
                 return serial.serial_for_url(self.url, timeout=0, **self._settings)
             return SocketPort(self.url, **self._settings)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from urllib.parse import urlsplit
 
 from drivers.base.errors import ConfigurationError
 
@@ -38,3 +39,11 @@ def check_place(url: str, name: str, *, visa: bool = True) -> None:
 def is_serial(url: str) -> bool:
     """Return whether a port is a serial line, with a baud rate and a format to set."""
     return "://" not in url and not is_visa(url)
+
+
+def socket_address(place: str) -> tuple[str, int]:
+    """Return host and port of `socket://host:port`, an IPv6 host in brackets; ValueError for anything else."""
+    parts = urlsplit(place)
+    if not parts.hostname or not parts.port or parts.path.strip("/") or parts.query:
+        raise ValueError("not a host and a port, and nothing else")
+    return parts.hostname, parts.port

@@ -12,7 +12,10 @@ from typing import Any
 
 import serial
 
+from drivers.kit.places import is_serial, socket_address
+
 _BLOCK = 65536
+_CONNECT_S = 5.0
 _LOOK_S = 0.2
 """How long a thread waits for bytes of a port before it looks whether the port is wanted still."""
 
@@ -42,14 +45,13 @@ class NearEnd:
 class SocketPort(NearEnd):
     """A device at `socket://host:port`, or at a serial port `place`, whose `settings` are pyserial's.
 
-    Raises OSError or serial.SerialException when it cannot be opened.
+    Raises OSError or serial.SerialException when it cannot be opened, ValueError for what is no host and port.
     """
 
     def __init__(self, place: str, **settings: Any) -> None:
         self._serial: serial.Serial | None = None
-        if place.startswith("socket://"):
-            host, _, number = place.removeprefix("socket://").rpartition(":")
-            self._near = socket.create_connection((host, int(number)), timeout=5.0)
+        if not is_serial(place):
+            self._near = socket.create_connection(socket_address(place), timeout=_CONNECT_S)
             self._near.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         else:
             self._serial = serial.Serial(place, **{**settings, "timeout": _LOOK_S})

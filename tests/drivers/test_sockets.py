@@ -75,3 +75,30 @@ def test_bytes_of_a_device_server_go_both_ways() -> None:
             assert device.recv(5) == b"there"
         assert heard(port, 1) == b""
         port.close()
+
+
+def test_a_device_server_may_have_an_ipv6_address() -> None:
+    with socket.create_server(("::1", 0), family=socket.AF_INET6) as listener:
+        port = SocketPort(f"socket://[::1]:{listener.getsockname()[1]}")
+        device, _ = listener.accept()
+        with device:
+            device.sendall(b"hello")
+            assert heard(port, 5) == b"hello"
+        port.close()
+
+
+@pytest.mark.parametrize(
+    ("place", "says"),
+    [
+        ("socket://127.0.0.1", "not a host and a port"),
+        ("socket://:5000", "not a host and a port"),
+        ("socket://127.0.0.1:5000?logging=debug", "nothing else"),
+        ("socket://127.0.0.1:5000/5001", "nothing else"),
+        ("socket://127.0.0.1:0", "not a host and a port"),
+        ("socket://127.0.0.1:99999", "out of range"),
+        ("socket://127.0.0.1:tcp", "'tcp'"),
+    ],
+)
+def test_what_is_no_host_and_port_is_told(place: str, says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        SocketPort(place)

@@ -135,6 +135,7 @@ def _sum_of_squares(phase: Array, m: int) -> float:
     return total
 
 
+@np.errstate(invalid="ignore")  # what is not finite is told by who asks
 def _every_start(samples: Array, lengths: NDArray[np.int64]) -> Array:
     """Return the sums of squares of all second differences for averaging lengths 1, 2, 4 ...: as `lengths`.
 

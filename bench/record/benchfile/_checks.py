@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from typing import Any
-from urllib.parse import urlsplit
 
 from bench.record.benchfile._model import LimitsSection, SafeSection
 from drivers.kit.config import GyroConfig, Mistake
+from drivers.kit.places import socket_address
 from drivers.kit.registry import DRIVERS, config_class, one_of, registered, roles
 
 _RESERVED_NAMES = ("table", "turntable", "chamber", "manifest", "events")
@@ -116,10 +115,9 @@ def _sockets(devices: _Devices) -> Iterator[Mistake]:
         port = section.get("port")
         if not isinstance(port, str) or not port.startswith("socket://"):
             continue
-        whole = False
-        with suppress(ValueError):
-            whole = bool(urlsplit(port).hostname and urlsplit(port).port)
-        if not whole:
+        try:
+            socket_address(port)
+        except ValueError:
             yield Mistake(f"{key}.port", repr(port), "socket://host:port, the port a number of 1 to 65535")
 
 

@@ -141,6 +141,15 @@ def test_octaves_of_a_long_record_from_every_start_are_the_definition(kind: str)
     assert np.array_equal(ours.terms[: len(number)], number)
 
 
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+@pytest.mark.parametrize("all_starts", [True, False])
+def test_a_sample_that_is_missing_in_a_long_record_is_told(bad: float, all_starts: bool) -> None:
+    data = long_record("white")
+    data[700_000] = bad
+    with pytest.raises(RecordError, match="1 missing"):
+        allan_deviation(data, 100.0, all_starts=all_starts)
+
+
 def test_all_averaging_times() -> None:
     data = sp1065_1000()
     every = allan_deviation(data, 1.0, "all")
