@@ -41,6 +41,12 @@ def rows() -> Iterator[Row]:
     yield figure(
         f"{title}, every start: times faster than allantools", all_of_them.ratio, 8.0, "goal", "times"
     )
+    ramp = data + np.linspace(0.0, 1e6, SAMPLES)  # ten octaves of it lose digits
+    drifting = in_turns(
+        partial(allan_deviation, ramp, 1.0, all_starts=True),
+        partial(allantools.oadev, ramp, rate=1.0, data_type="freq", taus=taus),
+    )
+    yield row(f"{title}, every start, a ramp of 1e6 times the noise", drifting, name)
     limit = "limit: their running sum, once"
     yield row(f"{title}, 16 starts an averaging time", in_turns(few, partial(np.cumsum, data)), limit)
     day = data[:86_400]
