@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ _STRETCHES = np.concatenate(([0], 2 ** np.arange(13)))
 _EMPTY = 1e9
 """Variance of a stretch without samples, in units of a sample's."""
 _DRAWS = 64
+_KEPT = 6
+"""Lengths of runs and noises whose draws are kept."""
 _BINS_AN_OCTAVE = 4
 
 
@@ -42,27 +45,38 @@ class Bridge:
     counts: NDArray[np.int64]
     weights: Array
 
-    def over(self, values: Array) -> Array:
-        """Return rows (p, n) with the missing samples filled."""
-        if not len(self.starts):
-            return values
-        result = values.copy()
-        result[:, self.missing] = 0.0
-        # sums between borders of stretches, not over every sample
+    @cached_property
+    def _between(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Borders of all stretches in order, and which of them are those of each stretch, (g, 2k)."""
         borders, inverse = np.unique(np.stack((self.low, self.high)), return_inverse=True)
         low, high = inverse.reshape(2, *self.low.shape)
-        sums = np.zeros((len(values), len(borders)))
-        inside = np.add.reduceat(result[:, : borders[-1]], borders[:-1], axis=1)
-        np.cumsum(inside, axis=1, out=sums[:, 1:])
-        means = (sums[:, high] - sums[:, low]) / np.maximum(self.counts, 1)
-        points = np.matmul(means.transpose(1, 0, 2), self.weights.transpose(0, 2, 1)).transpose(1, 0, 2)
+        return borders, low, high
+
+    @cached_property
+    def _filled(self) -> tuple[NDArray[np.int64], NDArray[np.int64], tuple[Array, Array, Array]]:
+        """Samples that are filled, the gap of each, and its weights of the gap's three points."""
         at = np.flatnonzero(self.missing)
         gap = np.searchsorted(self.stops, at, side="right")
         # from -1 at the first sample of a gap over 0 in its middle to 1 at its last
         along = (2.0 * at - self.starts[gap] - self.stops[gap] + 1.0) / np.maximum(
             self.stops[gap] - self.starts[gap] - 1.0, 1.0
         )
-        first, middle, last = np.maximum(-along, 0.0), 1.0 - np.abs(along), np.maximum(along, 0.0)
+        return at, gap, (np.maximum(-along, 0.0), 1.0 - np.abs(along), np.maximum(along, 0.0))
+
+    def over(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return rows (p, n) with the missing samples filled."""
+        if not len(self.starts):
+            return values
+        result = values.copy()
+        result[:, self.missing] = 0.0
+        # sums between borders of stretches, not over every sample
+        borders, low, high = self._between
+        sums = np.zeros((len(values), len(borders)))
+        inside = np.add.reduceat(result[:, : borders[-1]], borders[:-1], axis=1)
+        np.cumsum(inside, axis=1, out=sums[:, 1:])
+        means = (sums[:, high] - sums[:, low]) / np.maximum(self.counts, 1)
+        points = np.matmul(means.transpose(1, 0, 2), self.weights.transpose(0, 2, 1)).transpose(1, 0, 2)
+        at, gap, (first, middle, last) = self._filled
         result[:, at] = points[:, gap, 0] * first + points[:, gap, 1] * middle + points[:, gap, 2] * last
         return result
 
@@ -127,12 +141,19 @@ def _variogram(lag_s: Array, noise: Noise) -> Array:
     return np.asarray(flicker * markov + 0.5 * noise.rate_random_walk_dph_per_sqrt_h**2 * lag_s / 3600.0)
 
 
-@lru_cache(maxsize=4)
-def _normals(count: int) -> Array:
-    """Return the fixed draws, (64, count): runs of a campaign have few lengths."""
-    drawn = np.random.default_rng(0).standard_normal((_DRAWS, count))
-    drawn.flags.writeable = False
-    return drawn
+@lru_cache(maxsize=_KEPT)
+def _drawn(n: int, period_s: float, noise: Noise) -> tuple[NDArray[Any], NDArray[np.int64], Array]:
+    """Return runs of noise from fixed draws (64, n), and their energy over its power by bin of coefficients.
+
+    The bin of each coefficient from 1 on, (n - 1,), is between them. Runs of one length share them; single
+    precision is a thousandth of what so few draws tell.
+    """
+    unit = np.random.default_rng(0).standard_normal((_DRAWS, n - 1)).astype(np.float32)
+    drawn = np.zeros((_DRAWS, n), dtype=np.float32)
+    np.multiply(unit, np.sqrt(power_of(noise, n, period_s)), out=drawn[:, 1:], casting="same_kind")
+    _, bins = np.unique(np.floor(_BINS_AN_OCTAVE * np.log2(np.arange(1, n))), return_inverse=True)
+    energy = np.asarray(np.bincount(bins, np.einsum("ij,ij->j", unit, unit, dtype=np.float64)), np.float64)
+    return idct(drawn, norm="ortho", axis=-1, overwrite_x=True), bins, energy
 
 
 @lru_cache(maxsize=256)
@@ -140,12 +161,9 @@ def _noise_left(mask: bytes, n: int, period_s: float, filled_for: Noise, noise: 
     filled = _bridge(mask, n, period_s, filled_for)
     if not len(filled.starts):
         return np.ones(n - 1)
-    power = power_of(noise, n, period_s)
-    drawn = np.zeros((_DRAWS, n))
-    drawn[:, 1:] = _normals(n - 1) * np.sqrt(power)
-    seen = dct(filled.over(idct(drawn, norm="ortho", axis=-1)), norm="ortho", axis=-1)[:, 1:]
+    drawn, bins, drawn_energy = _drawn(n, period_s, noise)
+    seen = dct(filled.over(drawn), norm="ortho", axis=-1, overwrite_x=True)[:, 1:]
     # against the very draws, whose own power at the lowest coefficients is not the expected one
-    bins = np.floor(_BINS_AN_OCTAVE * np.log2(np.arange(1, n))).astype(np.int64)
-    _, bins = np.unique(bins, return_inverse=True)
-    energy = np.bincount(bins, (seen**2 / power).sum(axis=0))
-    return np.asarray((energy / np.bincount(bins, (drawn[:, 1:] ** 2 / power).sum(axis=0)))[bins])
+    power = power_of(noise, n, period_s)
+    energy = np.bincount(bins, np.einsum("ij,ij->j", seen, seen, dtype=np.float64) / power)
+    return np.asarray((energy / drawn_energy)[bins])

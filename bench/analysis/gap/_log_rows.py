@@ -93,12 +93,19 @@ def _in_blocks(values: Array) -> float:
 
     A value that stands in one place of the block only says nothing: that may be a row that is held.
     """
-    expected = 0.0
-    for start in range(0, len(values), _BLOCK):
-        block = values[start : start + _BLOCK]
-        block = block[~np.isnan(block)]
-        own, at, often = np.unique(block, return_inverse=True, return_counts=True)
-        begins = np.append(True, at[1:] != at[:-1])
-        often = often[np.bincount(at[begins], minlength=len(own)) > 1] if len(block) else often
-        expected += float((often * (often - 1)).sum()) / max(len(block), 1)
-    return expected
+    rows = np.full(-(-len(values) // _BLOCK) * _BLOCK, np.nan)
+    rows[: len(values)] = values
+    blocks = rows.reshape(-1, _BLOCK)
+    # those that are missing are none of the block's rows; what is left of it keeps its order
+    blocks = np.take_along_axis(blocks, np.argsort(np.isnan(blocks), axis=1, kind="stable"), axis=1)
+    begins = np.ones(blocks.shape, dtype=bool)
+    begins[:, 1:] = blocks[:, 1:] != blocks[:, :-1]
+    order = np.argsort(blocks, axis=1, kind="stable")
+    ordered, begins = (np.take_along_axis(each, order, axis=1) for each in (blocks, begins))
+    fresh = np.ones(ordered.shape, dtype=bool)
+    fresh[:, 1:] = ordered[:, 1:] != ordered[:, :-1]
+    value = np.cumsum(fresh) - 1  # each missing row one by itself
+    often, places = np.bincount(value), np.bincount(value, begins.ravel())
+    counted = np.where(places > 1.0, often * (often - 1.0), 0.0)
+    sizes = np.maximum((~np.isnan(blocks)).sum(axis=1), 1)
+    return float((counted / sizes[(np.flatnonzero(fresh)) // _BLOCK]).sum())

@@ -189,7 +189,8 @@ def _grid(time_s: Array, odd: NDArray[np.bool_]) -> Array:
     size = np.bincount(stretch)
     from_middle = number - (np.bincount(stretch, number) / size)[stretch]
     middle_s = (np.bincount(stretch, time_s) / size)[stretch]
-    step_s = float(from_middle @ (time_s - middle_s)) / max(float(from_middle @ from_middle), 1e-12)
+    # no product of BLAS: its threads would wait for each other
+    step_s = float((from_middle * (time_s - middle_s)).sum()) / max(float((from_middle**2).sum()), 1e-12)
     return np.asarray(middle_s + step_s * from_middle)
 
 
