@@ -173,10 +173,16 @@ def _drives() -> Rates:
 
 _PLATEAUS = (0.0, 50.0, 99.0)
 _PLATEAU_MINUTES = 12.0
+_SOAK_MINUTES = 10.0
+"""What is logged of a soak before the table starts."""
 _WARMED = (5400.0, 9000.0)
 _ROOM = ((0.0, 25.0),)
 _QUICK, _COMMON, _SLOW = (0.05, 4), (0.1, 5), (0.5, 2)
-_POSITIONS = ((0.0, 90.0), (300.0, 0.0), (1320.0, -90.0), (1620.0, 45.0), (1920.0, -45.0))
+# up and down in turn at the end: drift is told from gravity
+_POSITIONS = (
+    (0.0, 90.0), (300.0, 0.0), (1320.0, -90.0), (1620.0, 45.0), (1920.0, -45.0),
+    (2220.0, 90.0), (2520.0, -90.0), (2820.0, 90.0), (3120.0, -90.0),
+)  # fmt: skip
 
 SORTS = (
     Sort(
@@ -211,7 +217,7 @@ SORTS = (
         grid=_QUICK, powered_s=_WARMED,
     ),
     Sort(
-        "PT", "positions", "25 degC", 37.0, _ROOM,
+        "PT", "positions", "25 degC", 57.0, _ROOM,
         turns=lambda: [move for at in (550.0, 800.0, 1050.0) for move in ((at, 30.0), (at + 3.0, 0.0))],
         elevation=_POSITIONS, grid=_SLOW, masks=True, powered_s=_WARMED,
     ),
@@ -281,7 +287,10 @@ def _logged(sort: Sort, edges_s: Array) -> NDArray[np.bool_]:
         return np.ones(len(edges_s) - 1, bool)
     begins_s = 60.0 * np.array(_PLATEAUS)[:, None]
     return np.asarray(
-        ((edges_s[:-1] >= begins_s) & (edges_s[1:] <= begins_s + 60.0 * _PLATEAU_MINUTES)).any(axis=0)
+        (
+            (edges_s[:-1] >= begins_s - 60.0 * _SOAK_MINUTES)
+            & (edges_s[1:] <= begins_s + 60.0 * _PLATEAU_MINUTES)
+        ).any(axis=0)
     )
 
 

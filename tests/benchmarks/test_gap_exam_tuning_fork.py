@@ -134,13 +134,13 @@ def test_output_is_blank_while_the_table_changes_its_rate_and_nowhere_else(stage
             jumps = np.abs(np.diff(stage.rate_dps, prepend=0.0)) / stage.step_s
             assert not (stage.valid & (stage.in_rows(jumps) > 1.0)).any()
             seen = stage.valid[stage.kept].mean()
-            assert (0.8 < seen < 0.95) if stage.code == "PT" else (0.88 < seen < 0.97), stage.code
+            assert (0.8 < seen < 0.95) if stage.code == "PT" else (0.9 < seen < 0.98), stage.code
         else:
             assert stage.valid.all() and stage.kept.all()
     held = stages["PT|0"]
     assert (np.abs(held.in_rows(held.rate_dps))[held.valid] < 1e-4).all()
-    # three plateaus of 12 minutes of 111 are logged
-    assert stages["RT|0"].kept.mean() == pytest.approx(36.0 / 111.0, abs=1e-3)
+    # three plateaus of 12 minutes of 111 are logged, and 10 minutes of two soaks
+    assert stages["RT|0"].kept.mean() == pytest.approx(56.0 / 111.0, abs=1e-3)
 
 
 def test_the_campaign_reaches_its_limits_and_keeps_a_profile_back(unit, stages):
@@ -223,6 +223,9 @@ def test_a_full_buffer_loses_its_share_of_rows_in_blocks():
     noisy = draw_unit(TUNING_FORK, 5, {"overrun_buffer": 0.05})
     kept = {stage.key: stage.kept for stage in TUNING_FORK.campaign(noisy)}
     assert 1.0 - kept["TS|0"].mean() == pytest.approx(0.05, abs=0.02)
+    # a diagnosis takes runs of which at most 60 % is missing
+    worst = draw_unit(TUNING_FORK, 5, {"overrun_buffer": TUNING_FORK.noisy["overrun_buffer"][1]})
+    assert all((stage.valid & stage.kept).mean() > 0.42 for stage in TUNING_FORK.campaign(worst))
 
 
 def test_register_thermometer_and_encoder_read_the_run(unit, stages):
