@@ -240,7 +240,7 @@ EFFECTS = {
         ("clock_skew",),
         lambda unit, size: {"offset_ms": -2e3 * size},
         curved=True,
-        sizes=(1e-5, 0.3),
+        sizes=(1e-7, 0.3),
         signed=False,
     ),
     "neighbour_beat": Effect(neighbour_beat, ("vibration_or_mains_line",), changing=True),

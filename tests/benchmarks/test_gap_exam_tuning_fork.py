@@ -302,6 +302,13 @@ def test_effects_have_names_of_the_catalogue_or_none():
     assert sheet_noise(TUNING_FORK).quantum == SHEET.quantum_arcsec
 
 
+@pytest.mark.parametrize(("name", "ratio"), [("output_filter", 1.0), ("converter_clip", 30.0)])
+def test_curved_effects_come_in_the_ratios_planned(tmp_path, name, ratio):
+    prepare_folder(TUNING_FORK, tmp_path)
+    make_case(TUNING_FORK, tmp_path, Plan("single_4", "single", 24, ((name, ratio),)))
+    assert read_seal(tmp_path / "sealed" / "single_4.json").snr[name] == pytest.approx(ratio, rel=0.02)
+
+
 @pytest.mark.parametrize("name", ["tine_imbalance", "mount_lean", "output_filter"])
 def test_true_values_are_those_of_the_catalogues_own_columns(unit, stages, name):
     size = 0.02 if name == "output_filter" else 0.5
