@@ -16,10 +16,21 @@ from benchmarks.gap_exam._nuclear import NUCLEAR
 from benchmarks.gap_exam._ring_laser import RING_LASER
 from benchmarks.gap_exam._strapdown import STRAPDOWN
 from benchmarks.gap_exam._tuned_rotor import TUNED_ROTOR
+from benchmarks.gap_exam._tuning_fork import TUNING_FORK
 
 FAMILIES = {
     family.name: family
-    for family in (RING_LASER, MEMS, TUNED_ROTOR, HEMISPHERICAL, STRAPDOWN, FLOATED, NUCLEAR, EXAM_PLANT)
+    for family in (
+        RING_LASER,
+        MEMS,
+        TUNED_ROTOR,
+        HEMISPHERICAL,
+        STRAPDOWN,
+        FLOATED,
+        NUCLEAR,
+        TUNING_FORK,
+        EXAM_PLANT,
+    )
 }
 
 
