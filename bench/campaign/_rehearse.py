@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
+from functools import partial
 from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
 from types import FrameType
 
+from bench.analysis.common.fan_out import FanOut
 from bench.campaign._file import Campaign, CampaignRun, bench_of
 from bench.control.runner import RunResult
 from bench.lab.emulated import Plant
@@ -27,14 +30,20 @@ def rehearse_campaign(
     runs_folder: Path,
     *,
     jobs: int = 1,
+    fan: FanOut | None = None,
     finished: Callable[[RunResult], None] | None = None,
 ) -> dict[str, RunResult]:
     """Run a campaign on emulated labs, one fresh lab a run, `jobs` at a time; results by run name.
 
-    The bytes do not depend on `jobs`. Stopped by a signal or an error, no further run begins, those that go on
-    end safely first, and no process is left; RunAborted for SIGTERM. If this process is killed they do the same.
+    With `fan` the labs are where its work is, a cluster's workers, which see `runs_folder` under the same path;
+    a run whose worker died is made anew by another. The bytes do not depend on `jobs` or `fan`.
+
+    Stopped by a signal or an error, no further run begins, those that go on end safely first, and without a
+    cluster no process is left; RunAborted for SIGTERM. If this process is killed they do the same.
     """
     file = bench_of(campaign, file)
+    if fan is not None:
+        return _on_cluster(campaign, file, plant, runs_folder, fan, finished)
     results = {}
     waiting = list(enumerate(campaign.runs))
     going: dict[Future[RunResult], str] = {}
@@ -52,6 +61,30 @@ def rehearse_campaign(
                 if finished is not None:
                     finished(result)
     return {run.name: results[run.name] for run in campaign.runs}
+
+
+def _on_cluster(
+    campaign: Campaign,
+    file: BenchFile,
+    plant: Plant,
+    runs_folder: Path,
+    fan: FanOut,
+    finished: Callable[[RunResult], None] | None,
+) -> dict[str, RunResult]:
+    results = {}
+    made = fan.each(partial(_anew, file, plant, runs_folder.resolve()), enumerate(campaign.runs))
+    for run, result in zip(campaign.runs, made, strict=True):
+        results[run.name] = result
+        if finished is not None:
+            finished(result)
+    return results
+
+
+def _anew(file: BenchFile, plant: Plant, runs_folder: Path, numbered: tuple[int, CampaignRun]) -> RunResult:
+    """Rehearse a run on a cluster's worker; what one that died has left of it goes."""
+    number, run = numbered
+    shutil.rmtree(runs_folder / run.name, ignore_errors=True)
+    return rehearse_procedure(run.test, run.values, file, plant.for_run(number), runs_folder, run_id=run.name)
 
 
 @contextmanager

@@ -20,7 +20,10 @@ from bench.analysis.calibration import Effort, Noise, Schedule, Site, Task, sear
 from bench.analysis.common.fan_out import ALONE, FanOut, fan_out
 from bench.analysis.thermal import FeatureRun
 from bench.analysis.thermal._selection import fit_models
+from bench.campaign import load_campaign, rehearse_campaign
+from bench.lab.emulated import Plant
 from bench.present.cli._app import app
+from bench.record.benchfile import load_bench_file
 from drivers.base.errors import ConfigurationError, RecordError
 
 pytestmark = [pytest.mark.concurrent, pytest.mark.slow]
@@ -130,6 +133,41 @@ def test_a_worker_killed_in_the_middle_costs_nothing_but_its_time(scheduler: str
     assert [value for _, value in away] == [value for _, value in ALONE.map(worked, items)]
     assert killed != os.getpid()
     assert away[5][0] not in (killed, os.getpid())
+
+
+def test_a_campaign_rehearsed_on_a_cluster_has_the_bytes_of_one_at_home(
+    scheduler: str, tmp_path: Path
+) -> None:
+    """Also the run that a worker, which died, had begun."""
+    plan = tmp_path / "plan.toml"
+    run = 'name = "t"\nrepeats = 2\nprocedure = "constant-rotation"'
+    plan.write_text(
+        f'title = "t"\n[[run]]\n{run}\nparameters = {{ turns = 1, rate_dps = 20, rest_s = 10 }}\n'
+    )
+    bench = Path(__file__).parents[3] / "examples" / "demo.toml"
+    begun = tmp_path / "away" / "t-2"
+    (begun / "raw").mkdir(parents=True)
+    (begun / "raw" / "fog_1.bin").write_bytes(b"begun")
+    file = load_bench_file(bench)
+    campaign, seen = load_campaign(plan, file), []
+    with fan_out(cluster=scheduler) as fan:
+        away = rehearse_campaign(
+            campaign,
+            file,
+            Plant(),
+            tmp_path / "away",
+            fan=fan,
+            finished=lambda result: seen.append(result.folder),
+        )
+    home = rehearse_campaign(campaign, file, Plant(), tmp_path / "home")
+    assert list(away) == list(home) == ["t-1", "t-2"]
+    assert seen == [tmp_path / "away" / "t-1", tmp_path / "away" / "t-2"]
+    for name, result in away.items():
+        assert result.outcome == "completed"
+        for part in ("raw/*", "*.parquet"):
+            own = {path.name: path.read_bytes() for path in result.folder.glob(part)}
+            assert own == {path.name: path.read_bytes() for path in home[name].folder.glob(part)}
+            assert len(own) >= 4
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

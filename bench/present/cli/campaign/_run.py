@@ -244,7 +244,7 @@ def rehearse(
     plant = load_plant(plant_file, seed)
     campaign, runs_folder = campaign_to_rehearse(campaign_file, file, out)
     at_once = jobs or processors()
-    console.print(f"{_extent(campaign)}, {at_once} at a time")
+    console.print(f"{_extent(campaign)}, {f'on {cluster}' if cluster else f'{at_once} at a time'}")
     started, done = host_seconds(), itertools.count(1)
     with run_counter(console, "runs") as count:
         count(0, len(campaign.runs))
@@ -253,14 +253,24 @@ def rehearse(
             say_result(console, result)
             count(next(done), len(campaign.runs))
 
-        results = rehearse_campaign(campaign, file, plant, runs_folder, jobs=at_once, finished=finished)
+        # without a cluster the labs have processes of their own, which a signal stops safely
+        with fan_out(jobs if cluster else None, cluster) as fan:
+            results = rehearse_campaign(
+                campaign,
+                file,
+                plant,
+                runs_folder,
+                jobs=at_once,
+                fan=fan if cluster else None,
+                finished=finished,
+            )
     wall_s = host_seconds() - started
     bench_s = sum(result.duration_s for result in results.values())
     aborted = [name for name, result in results.items() if result.outcome == "aborted"]
     console.print(f"{duration(bench_s)} of bench time in {wall_s:.0f} s ({bench_s / wall_s:,.0f} x)")
     if not aborted and campaign.gyro is not None:
         folders = {name: result.folder for name, result in results.items()}
-        with fan_out(None if cluster else at_once, cluster) as fan:
+        with fan_out(jobs if cluster else at_once, cluster) as fan:
             _fit_campaign(campaign, folders, out, fan, console)
     outcome = "aborted" if aborted else "completed"
     times = {"duration_s": bench_s, "wall_s": wall_s}
