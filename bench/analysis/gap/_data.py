@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar
@@ -21,7 +21,10 @@ if TYPE_CHECKING:
     from bench.analysis.gap._simulation import Simulation
 
 T = TypeVar("T")
+Item = TypeVar("Item")
 _COPY = 0.8
+_OF_REPEATS, _OF_CONDITIONS = 0.5, 0.9
+"""Least part of the longest that a repeat, or another condition, must last to be cut to one length with it."""
 MOST_MISSING = 0.6
 """Part of a run's samples that may be missing."""
 SIGMA_OF_SECOND_DIFFERENCES = 1.4826 / math.sqrt(6.0)
@@ -215,9 +218,12 @@ class Group:
 
 
 def group_runs(runs: Sequence[GapRun]) -> list[Group]:
-    """Return the runs by profile and sampling period, in order of appearance."""
+    """Return the runs by profile and sampling period, in order of appearance, cut to one length.
+
+    Programmes of one profile that differ in length are groups of their own: see `by_length`.
+    """
     groups: dict[tuple[str, float], dict[str, list[GapRun]]] = {}
-    for run in runs:
+    for run in by_length(runs):
         at = groups.setdefault((run.profile, run.stimulus.period_s), {})
         at.setdefault(run.condition, []).append(run)
     result = []
@@ -226,6 +232,41 @@ def group_runs(runs: Sequence[GapRun]) -> list[Group]:
         rows = tuple(tuple(cut(run, count) for run in each) for each in by_condition.values())
         result.append(Group(profile, tuple(by_condition), rows))
     return result
+
+
+def by_length(runs: Sequence[GapRun]) -> list[GapRun]:
+    """Return the runs, those of a profile whose length differs named by it: "rates, 14 min", "rates, 111 min".
+
+    A condition is cut by a tenth at most to the length of others. Its repeats stay together down to half of the
+    longest: what differs between them tells the noise.
+    """
+    profiles: dict[tuple[str, float], dict[str, list[GapRun]]] = {}
+    for run in runs:
+        at = profiles.setdefault((run.profile, run.stimulus.period_s), {})
+        at.setdefault(run.condition, []).append(run)
+    named: dict[int, str] = {}
+    for (profile, period_s), by_condition in profiles.items():
+        parts = [part for each in by_condition.values() for part in _split(each, _OF_REPEATS, _samples)]
+        alike = _split(parts, _OF_CONDITIONS, lambda part: min(map(_samples, part)))
+        for each in alike if len(alike) > 1 else ():
+            minutes = min(_samples(run) for part in each for run in part) * period_s / 60.0
+            named |= {id(run): f"{profile}, {minutes:.3g} min" for part in each for run in part}
+    return [replace(run, profile=named[id(run)]) if id(run) in named else run for run in runs]
+
+
+def _samples(run: GapRun) -> int:
+    return len(run.stimulus)
+
+
+def _split(items: Sequence[Item], least: float, length: Callable[[Item], int]) -> list[list[Item]]:
+    """Return items in classes, longest first, none shorter than `least` of the longest in its class."""
+    classes: list[list[Item]] = []
+    for item in sorted(items, key=length, reverse=True):
+        if classes and length(item) >= least * length(classes[-1][0]):
+            classes[-1].append(item)
+        else:
+            classes.append([item])
+    return classes
 
 
 def good_length(count: int) -> int:

@@ -13,7 +13,7 @@ from bench.analysis.gap._candidates import candidate_variants
 from bench.analysis.gap._causes import causes_of, models_with_and_without, nominal_beside
 from bench.analysis.gap._cells import BANDS, mixing
 from bench.analysis.gap._close import holding, shrinkage
-from bench.analysis.gap._data import GapRun, Group, check_runs, unseen
+from bench.analysis.gap._data import GapRun, Group, by_length, check_runs, unseen
 from bench.analysis.gap._describe import UnknownPart, differing_parts, shaken_part, unknown_parts
 from bench.analysis.gap._disturbed import Disturbed, lines_hz, without_disturbances
 from bench.analysis.gap._findings import Cause, Finding, Place
@@ -110,7 +110,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
 
     def prepare(self, runs: Sequence[GapRun], model: Model) -> _Ready:
         check_runs(runs)
-        shifted, notes = aligned(runs)
+        shifted, notes = aligned(by_length(runs))
         notes += [f"{run.run_id}: {remark}" for run in runs for remark in run.remarks]
         model = _with_unknown_rate(model, runs)
         disturbed = without_disturbances(shifted, model)

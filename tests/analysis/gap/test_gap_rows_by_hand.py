@@ -13,7 +13,7 @@ from scipy.stats import norm
 from bench.analysis.gap import _channel_run
 from bench.analysis.gap._channel_data import _case, _inside, _stamps
 from bench.analysis.gap._channel_run import RunSource
-from bench.analysis.gap._data import cut, good_length, group_runs, interpolated, stand_ins, unseen
+from bench.analysis.gap._data import by_length, cut, good_length, group_runs, interpolated, stand_ins, unseen
 from bench.analysis.gap._import import _phases, read_mapped_runs
 from bench.analysis.gap._log_rows import _finest_step, _in_blocks, finest_angle_deg, held_rows
 from bench.analysis.gap._rows import Steps, _digits, _evened, _odd, true_times
@@ -315,6 +315,29 @@ def test_runs_of_a_profile_and_a_period_are_cut_to_one_length():
         39.1,
         1.0,
     )
+
+
+def test_programmes_of_other_lengths_are_groups_of_their_own():
+    """A short one takes nothing from a long one."""
+    rng = np.random.default_rng(1)
+    rows = [("25 C 1", 840, "25 C"), ("all 1", 6660, "all"), ("25 C 2", 842, "25 C"), ("all 2", 6600, "all"),
+            ("all 3", 3400, "all"), ("all 4", 2700, "all"), ("cold 1", 6050, "cold")]  # fmt: skip
+    runs = [
+        made_run(name, stimulus(n), rng, profile="rates", condition=condition) for name, n, condition in rows
+    ]
+    groups = group_runs(runs)
+    found = {group.profile: [[run.run_id for run in own] for own in group.runs] for group in groups}
+    assert found == {
+        "rates, 14 min": [["25 C 1", "25 C 2"]],
+        # repeats of a programme down to half of it are compared, another programme is cut by a tenth at most
+        "rates, 56.7 min": [["all 1", "all 2", "all 3"]],
+        "rates, 45 min": [["all 4"]],
+        "rates, 101 min": [["cold 1"]],
+    }
+    assert [len(group.flat[0].stimulus) for group in groups] == [840, 3375, 2700, 6048]
+    named = by_length(runs)
+    assert [run.profile for run in named] == [run.profile for run in by_length(named)]
+    assert [run.run_id for run in named] == [run.run_id for run in runs]
 
 
 class Warmed:
