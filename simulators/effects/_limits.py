@@ -20,6 +20,8 @@ _MOST = 1.2
 """Bound of the part of the formula that is there; 1 is all of it."""
 _LEAST_CUT = 0.004
 """Part of the rate that must be missing beyond a limit; nobody's scale factor bends so much so suddenly."""
+_LEANS = (-0.05, 0.0, 0.05)
+"""Parts by which limits of both senses differ from their mean; at the ends one sense alone is cut."""
 _LOW_SLOPE = 0.6
 _TRIES = 48
 _CLEAR = 6.0
@@ -30,8 +32,12 @@ _LEAST_EDGE = 0.3
 
 
 def _saturation(s: Stimulus, shape: Shape) -> Array:
-    """Return what is cut off; over `softness` times the limit the slope goes from one to nothing."""
-    limit_dph = 3600.0 * shape["limit_dps"]
+    """Return what is cut off; over `softness` times the limit the slope goes from one to nothing.
+
+    An output whose zero is not in the middle of its range stops at other rates in both senses: `lean` is the part
+    by which the limit of positive rates is larger, and that of negative ones smaller.
+    """
+    limit_dph = 3600.0 * shape["limit_dps"] * (1.0 + shape.get("lean", 0.0) * np.sign(s.input_rate_dph))
     width = max(shape.get("softness", 0.0), 1e-6) * limit_dph
     beyond = width * np.logaddexp(0.0, (np.abs(s.input_rate_dph) - limit_dph) / width)
     return np.asarray(-np.sign(s.input_rate_dph) * beyond)
@@ -66,11 +72,16 @@ def _limits(rates: SlowRates) -> list[Shape]:
     levels = np.unique(np.round(np.abs(rates.rate) / 3600.0, 1))
     if len(levels) < 4 or levels[-1] < _LEAST_LIMIT_DPS:
         return []
-    plain: list[Shape] = [{**shape, "softness": 0.0} for shape in _grid("limit_dps", _limit_dps(rates))]
+    plain = [{**shape, "softness": 0.0, "lean": 0.0} for shape in _grid("limit_dps", _limit_dps(rates))]
     parts = (0.4, 0.55, 0.7, 0.8, 0.9, 0.97)
     return [
         *plain,
-        *({"limit_dps": part * levels[-1], "softness": soft} for part in parts for soft in (0.003, 0.03)),
+        *(
+            {"limit_dps": part * float(levels[-1]), "softness": soft, "lean": lean}
+            for part in parts
+            for soft in (0.003, 0.03)
+            for lean in ((0.0,) if plain else _LEANS)  # both senses stop plainly at one
+        ),
     ]
 
 
@@ -198,7 +209,7 @@ LIMIT_EFFECTS = (
         "rate beyond a limit",
         "IEEE Std 952, maximum input rate",
         "Output stays at a limit however fast the unit turns.",
-        ({"limit_dps": 100.0, "softness": 0.0},),
+        ({"limit_dps": 100.0, "softness": 0.0, "lean": 0.0},),
         propose=_limits,
     ),
     Effect(

@@ -30,6 +30,7 @@ SCALE_FACTOR_OVER_TEMPERATURE = (
         "IEEE Std 952, scale-factor temperature sensitivity",
         "Scale factor bends with temperature.",
         unit=PPM,
+        curve=Curve(Input.T_IN, of_rate=True),
     ),
     Effect(
         "scale_factor_lag",

@@ -197,15 +197,25 @@ MEMORY_EFFECTS = (
 )
 
 
+def _settling(s: Stimulus, shape: Shape) -> Array:
+    """Kohlrausch's function of time: with `stretch` 1 an exponential, below it many time constants at once."""
+    since = np.maximum(s.time_s, 0.0) / shape["time_constant_s"]
+    return np.asarray(np.exp(-(since ** shape.get("stretch", 1.0))))
+
+
 WARM_UP = Effect(
     "warm_up",
     (Parameter("bias_dph", -500.0, 500.0, DPH),),
-    lambda s, shape: np.asarray(np.exp(-s.time_s / shape["time_constant_s"])),
+    _settling,
     Input.TIME,
     "time since power-on",
-    "self-heating of the electronics",
+    "self-heating of the electronics; Williams and Watts, Trans. Faraday Soc. 66, 80, 1970 (stretched)",
     "Bias settles after power-on.",
-    tuple({"time_constant_s": tau} for tau in (300.0, 900.0, 1800.0, 3600.0)),
+    tuple(
+        {"time_constant_s": tau, "stretch": stretch}
+        for stretch, taus in ((1.0, (300.0, 900.0, 1800.0, 3600.0)), (0.5, (100.0, 400.0, 1600.0)))
+        for tau in taus
+    ),
     curve=Curve(Input.TIME),
 )
 BIAS_RAMP = Effect(

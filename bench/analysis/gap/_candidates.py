@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 
 import numpy as np
 
@@ -47,9 +47,21 @@ def candidates_of(variants: Sequence[Variant]) -> list[Candidate]:
         own = tuple(range(column, column + k))
         curve = isinstance(variant.effect, FreeCurve)
         odds = FREE_CURVE if curve else 0.0
-        result.append(Candidate(variant.effect.name, index, own, grid_points(variant.effect), odds, curve))
+        points, series = grid_points(variant.effect), None if curve else series_of(variant.effect)
+        result.append(Candidate(variant.effect.name, index, own, points, odds, curve, series))
         column += k
     return result
+
+
+def series_of(effect: Effect) -> Hashable:
+    """Return the power series that an effect's formula is a term of: that of one temperature, or of even rates.
+
+    A real dependence has more than one of its terms: they are one mechanism. None for thresholds and memories.
+    """
+    keys = {key for shape in effect.shapes for key in shape}
+    if effect.curve is not None and effect.inputs == effect.curve.over and keys <= {"lag_s"}:
+        return effect.curve
+    return "even rates" if effect.parity == 1 else None
 
 
 def possible_candidates(

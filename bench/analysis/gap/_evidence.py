@@ -7,7 +7,7 @@ Evidence of a set with k columns that lowers the cost by `gain` under Zellner's 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,6 +20,8 @@ _G = np.array([30.0, 300.0, 3e3, 3e4, 3e5])
 _G_TERMS = tuple(zip((_G / (1.0 + _G)).tolist(), np.log1p(_G).tolist(), strict=True))
 _FURTHER_MEMBER = 3.0
 """Extra log odds against each effect after the first."""
+_FURTHER_TERM = math.log(2.0)
+"""Log odds against a further term of a power series: a real dependence is as likely bent as not."""
 _BEAM = 6
 _LARGEST = 4
 _CLOSE = 8.0
@@ -31,7 +33,8 @@ _UNSEEN_COLUMN = 1e-6
 class Candidate:
     """A variant of an effect: its columns' places in the Gram matrix, prior log odds against other effects.
 
-    `curve`: it is a free curve, no effect of the catalogue.
+    `curve`: it is a free curve, no effect of the catalogue. `series` is the same for formulas that are terms of
+    one power series, and None for others.
     """
 
     effect: str
@@ -40,6 +43,7 @@ class Candidate:
     variants: int
     log_odds: float = 0.0
     curve: bool = False
+    series: Hashable = None
 
 
 VariantSet = frozenset[int]
@@ -178,7 +182,11 @@ class _Search:
         one = math.log(0.5 / max(self.effects, 1))
         variants = sum(math.log(self.candidates[member].variants) for member in members)
         own = sum(self.candidates[member].log_odds for member in members)
-        return len(members) * one - (len(members) - 1) * _FURTHER_MEMBER - variants + own
+        series = [self.candidates[member].series for member in members]
+        further = len(series) - series.count(None) - len({*series} - {None})
+        mechanisms = len(members) - further
+        own -= further * _FURTHER_TERM
+        return mechanisms * one - (mechanisms - 1) * _FURTHER_MEMBER - variants + own
 
 
 def _without(system: Array, columns: Sequence[int]) -> tuple[Array, float]:

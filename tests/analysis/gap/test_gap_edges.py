@@ -68,8 +68,8 @@ def test_the_spacing_of_a_grid_is_half_of_both_neighbours_and_at_its_end_the_one
     for at in range(len(grid)):
         low, high = grid[max(at - 1, 0)], grid[min(at + 1, len(grid) - 1)]
         steps = (at > 0) + (at < len(grid) - 1)
-        found = _spacing(Variant(shape, {"time_constant_s": grid[at] * 1.0001}))
-        assert found == pytest.approx({"time_constant_s": (high - low) / steps})
+        found = _spacing(Variant(shape, {"time_constant_s": grid[at] * 1.0001, "stretch": 0.9}))
+        assert found == pytest.approx({"time_constant_s": (high - low) / steps, "stretch": 0.5})
 
 
 def test_runs_of_one_length_are_looked_at_together_and_each_alone():

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.gap import Noise
-from bench.analysis.gap._candidates import possible_candidates
+from bench.analysis.gap._candidates import candidates_of, possible_candidates, series_of
 from bench.analysis.gap._cells import BANDS, Cell
 from bench.analysis.gap._evidence import Candidate, SetPosterior, log_bayes, search
 from bench.analysis.gap._fit import TOLERANCE, Floor, Solution, tolerated, weighted_gram
@@ -19,6 +19,7 @@ from bench.analysis.gap._judged import Judged, _missed, correcting, instead_of, 
 from bench.analysis.gap._refine import best_of_each, sets_of_note
 from bench.analysis.gap._unknown import Remainder, prevalence, remainder
 from bench.analysis.gap._which import _renumbered, set_weights
+from simulators.effects import Effect, Variant, catalogue
 from tests.analysis.gap.conftest import effect, made_run, stimulus
 
 WHITE = Noise(0.004)
@@ -309,6 +310,46 @@ def test_every_set_pays_for_its_columns_its_grid_and_how_many_effects_there_are(
     two = search(system, candidates, [0, 1]).log_evidence
     assert two[frozenset({1})] == pytest.approx(log_bayes(49.0, 1) + math.log(0.25), abs=1e-3)
     assert not any(2 in members for members in two)
+
+
+def test_a_further_term_of_a_power_series_costs_no_further_mechanism():
+    """`a` and `b` are terms of one series, `c` is not: what is curved is one thing, as likely bent as not."""
+    system = np.diag([300.0, 1.0, 1.0, 1.0])
+    system[0, 1:] = system[1:, 0] = (9.0, 7.0, 5.0)
+    candidates = [
+        Candidate("a", 0, (1,), 1, series="T"),
+        Candidate("b", 1, (2,), 3, series="T"),
+        Candidate("c", 2, (3,), 1),
+    ]
+    found = search(system, candidates, [0, 1, 2]).log_evidence
+    apart = search(system, [replace(each, series=None) for each in candidates], [0, 1, 2]).log_evidence
+    one, half = math.log(0.5 / 3.0), math.log(0.5)
+    expected = log_bayes(130.0, 2) + one + half - math.log(3.0)
+    assert found[frozenset({0, 1})] == pytest.approx(expected, abs=1e-3)
+    for single in ({0}, {1}, {2}):
+        assert found[frozenset(single)] == apart[frozenset(single)]
+    assert found[frozenset({0, 2})] == apart[frozenset({0, 2})]
+    # with `c` beside them it is two mechanisms, not three
+    price = found[frozenset({0, 2})] - log_bayes(106.0, 2)
+    assert found[frozenset({0, 1, 2})] == pytest.approx(
+        log_bayes(155.0, 3) + price + half - math.log(3.0), abs=1e-3
+    )
+
+
+def test_power_series_are_those_of_one_temperature_and_of_even_rates():
+    series = {}
+    for name, each in catalogue().items():
+        if isinstance(each, Effect) and (own := series_of(each)) is not None:
+            series.setdefault(own, set()).add(name)
+    alike = {frozenset(names) for names in series.values() if len(names) > 1}
+    assert alike == {
+        frozenset({"bias_linear", "bias_quadratic", "bias_cubic"}),
+        frozenset({"scale_factor_temperature", "scale_factor_quadratic"}),
+        frozenset({"scale_factor_asymmetry", "vibration_rectification"}),
+    }
+    free = free_curves([made_run("a", stimulus(2000), np.random.default_rng(0))])[0]
+    curve, term = candidates_of([free, Variant(effect("bias_cubic"), {"lag_s": 0.0})])
+    assert (curve.series, term.series) == (None, effect("bias_quadratic").curve)
 
 
 def test_of_every_effect_the_three_best_points_of_its_grid_are_kept():

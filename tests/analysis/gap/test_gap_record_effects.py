@@ -67,6 +67,43 @@ def test_saturation_is_found_with_its_limit_and_shrinks_a_held_out_run(nominal: 
     assert shrinkage(found.model, closed, _rates_runs(2, response, "c"), found.rate.floor).share > 0.99
 
 
+@pytest.mark.parametrize("upper", [93.0, 140.0])
+def test_an_output_that_stops_at_other_rates_in_both_senses_is_saturation_alone(
+    nominal: Model, upper: float
+) -> None:
+    """A cut of one sense more than of the other is even in the rate, too: no rectification stands beside it."""
+
+    def response(rate_dph: float) -> float:
+        return min(max(rate_dph, -97.0 * 3600.0), upper * 3600.0)
+
+    found = diagnose(_rates_runs(1, response), nominal)
+    assert _named(found) == ["saturation"]
+    closed = parse_model(model_text(closed_model(found)), "closed")
+    assert shrinkage(found.model, closed, _rates_runs(2, response, "c"), found.rate.floor).share > 0.99
+    rate = np.array([-120.0, -97.5, -96.0, 0.0, 96.0, 102.0, 105.0])
+    s = replace(stimulus(len(rate), cold=False), angle_deg=np.concatenate(([0.0], np.cumsum(rate))))
+    s = replace(s, latitude_deg=0.0)
+    cut = effect("saturation").columns(s, {"limit_dps": 100.0, "softness": 0.0, "lean": 0.03})[0] / 3600.0
+    assert cut == pytest.approx([23.0, 0.5, 0.0, 0.0, 0.0, 0.0, -2.0], abs=1e-4)
+
+
+@pytest.mark.parametrize("power", [0.5, 0.8])
+def test_a_bias_that_settles_by_a_power_of_time_is_a_warm_up(nominal: Model, power: float) -> None:
+    """As charge that soaks into a capacitor; no single time constant does so."""
+    s, rng = stimulus(9000, cold=False), np.random.default_rng(2)
+
+    def settling(name: str) -> GapRun:
+        run = made_run(name, s, rng)
+        return replace(run, output_dph=run.output_dph + 2.0 * (1.0 + s.time_s / 40.0) ** -power)
+
+    found = diagnose([settling("a"), settling("b")], nominal)
+    assert (found.verdict, _named(found)) == ("explained", ["warm_up"])
+    assert found.causes[0].term.variant.shape["stretch"] < 0.8
+    assert effect("warm_up").columns(s, {"time_constant_s": 400.0, "stretch": 0.5})[0, 1599] == pytest.approx(
+        math.exp(-2.0), abs=1e-3
+    )
+
+
 def test_dead_zone_is_found_with_its_band(nominal: Model) -> None:
     found = diagnose(_rates_runs(3, lambda rate: 0.0 if -60.0 < rate < 60.0 else rate), nominal)
     assert _named(found) == ["dead_zone"]

@@ -20,7 +20,7 @@ def test_shapes_are_found_between_grid_points() -> None:
     s = stimulus(12000)
     truth = [
         Variant(effect("mode_hop"), {"at_c": -11.3, "lag_s": 130.0, "width_k": 2.0}),
-        Variant(effect("warm_up"), {"time_constant_s": 1320.0}),
+        Variant(effect("warm_up"), {"time_constant_s": 1320.0, "stretch": 0.8}),
     ]
     data = 2.0 * truth[0].columns(s)[0] - 3.0 * truth[1].columns(s)[0]
 
@@ -31,12 +31,13 @@ def test_shapes_are_found_between_grid_points() -> None:
 
     start = [
         Variant(truth[0].effect, {"at_c": -10.0, "lag_s": 0.0, "width_k": 2.5}),
-        Variant(truth[1].effect, {"time_constant_s": 900.0}),
+        Variant(truth[1].effect, {"time_constant_s": 900.0, "stretch": 1.0}),
     ]
     hop, warm_up = between_grid_points(start, gram)
     assert hop.shape["lag_s"] == pytest.approx(130.0, abs=25.0)
     assert hop.shape["at_c"] == pytest.approx(-11.3, abs=0.5)
     assert warm_up.shape["time_constant_s"] == pytest.approx(1320.0, rel=0.05)
+    assert warm_up.shape["stretch"] == pytest.approx(0.8, abs=0.03)
 
 
 def test_effects_without_shapes_stay_as_they_are() -> None:
