@@ -17,7 +17,7 @@ from types import MappingProxyType
 import numpy as np
 
 from bench.analysis.gap._candidates import effects_beside
-from bench.analysis.gap._cells import group_cells
+from bench.analysis.gap._cells import Cell, group_cells
 from bench.analysis.gap._data import GapRun, group_runs
 from bench.analysis.gap._designs import Design
 from bench.analysis.gap._evidence import reduced
@@ -25,6 +25,7 @@ from bench.analysis.gap._fit import weighted_gram
 from bench.analysis.gap._heat import Heat, heat_of
 from bench.analysis.gap._information import Foretold, deflection, expected_if, expected_information
 from bench.analysis.gap._model_file import Model, Term
+from bench.analysis.gap._predictions import fitted, tolerant_gram
 from bench.analysis.gap._prepare import stack_of
 from bench.analysis.gap._rate import RateFinding
 from drivers.base.arrays import Array
@@ -84,9 +85,13 @@ class Outlook:
     hidden_from_bench: tuple[str, ...]
     energies: Mapping[str, float]
     _columns: Columns = field(repr=False)
-    _sigmas: Mapping[str, Array] = field(repr=False)
+    _before: Array = field(repr=False)
+    _recorded: Array = field(repr=False)
+    _sigmas: Array = field(repr=False)
+    _acting: Array = field(repr=False)
     _made: Mapping[str, Sequence[GapRun]] = field(repr=False, default_factory=dict)
     _heat: Heat | None = None
+    _seen: dict[tuple[str, str], tuple[Array, Array]] = field(repr=False, default_factory=dict)
 
     @property
     def leading(self) -> Explanation:
@@ -111,16 +116,11 @@ class Outlook:
         return self._choice(design).nats
 
     @cached_property
-    def _all_columns(self) -> Columns:
-        """The effects' columns with those of all terms of the explanations."""
-        return self._columns.with_terms(self.explanations)
-
-    @cached_property
     def _predictions(self) -> list[Foretold]:
-        return [self._foretold(each, self._all_columns) for each in self.explanations]
+        return [self._foretold(each) for each in self.explanations]
 
     def _choice(self, design: Design) -> Choice:
-        gram = self._all_columns.gram(self._foreseen(design))
+        gram = self._grams(design)[1]
         leading = self.leading
         after = expected_if(gram, self._predictions, self.explanations.index(leading))
         same = [each.label == leading.label for each in self.explanations]
@@ -132,16 +132,23 @@ class Outlook:
         A run of another kind than those made comes before one of the same: a wrong form that was fitted to a run
         fits its repeat as well.
         """
-        columns = self._all_columns
         terms = [term for term in self.leading.terms if term.name in names] or list(self.leading.terms)
-        explanation = Explanation(names, 1.0, tuple(terms))
+        mean = self._columns.values(terms)
         for design in sorted(self.designs, key=lambda each: (each.key in self._made, each.hours)):
             if design.hours > most_h:
                 continue
-            mean = self._foretold(explanation, columns).mean
-            if deflection(columns.gram(self._foreseen(design)), mean) >= least:
+            plain = reduced(self._grams(design)[0], self.model.sigmas)[1:, 1:]
+            if deflection(plain, mean) >= least:
                 return Choice(design, self.information(design))
         return None
+
+    def _grams(self, design: Design) -> tuple[Array, Array]:
+        """Return the products in a run of [data, nominal, effects' columns], and those of columns with misfit."""
+        at = design.key, design.text
+        if at not in self._seen:
+            runs = self._foreseen(design)
+            self._seen[at] = self._columns.products(runs, self._acting, self._before)
+        return self._seen[at]
 
     def _foreseen(self, design: Design) -> Sequence[GapRun]:
         """Return what would act on the gyro: of a run that was made what was recorded, else what is foretold.
@@ -154,15 +161,11 @@ class Outlook:
             return recorded or design.runs()
         return [self._heat.on(run) for run in design.runs()]
 
-    def _foretold(self, explanation: Explanation, columns: Columns) -> Foretold:
-        mean, sigmas = np.zeros(columns.count), np.zeros(columns.count)
-        for term in explanation.terms:
-            own = columns.place(term.variant)
-            mean[own] += np.array(term.values)
-            sigmas[own] = np.maximum(sigmas[own], np.array(term.sigmas))
+    def _foretold(self, explanation: Explanation) -> Foretold:
+        own = [self._columns.place(term.variant) for term in explanation.terms]
         if explanation.hidden:
-            sigmas[columns.usual(explanation.hidden)] = self._sigmas[explanation.hidden]
-        return Foretold(explanation.probability, mean, sigmas)
+            own.append(self._columns.usual(explanation.hidden))
+        return self._columns.fitted(self._recorded, self._sigmas, own, self._acting, explanation.probability)
 
 
 def outlook(
@@ -176,30 +179,32 @@ def outlook(
 
     `made`: the stretches of the newest run of a design by its key.
     """
-    fitted = model if finding is None else finding.nominal
+    known = model if finding is None else finding.nominal
     effects = effects_beside(model)
-    columns = Columns(fitted, {name: usual_variant(effect) for name, effect in effects.items()})
-    heat = heat_of(recorded)
-    foretold = [[run if heat is None else heat.on(run) for run in design.runs()] for design in designs]
-    energies = np.array([np.diag(columns.gram(runs)) for runs in foretold])
-    best = energies.max(axis=0, initial=0.0)
-    seen = np.diag(columns.gram(recorded)) if recorded else np.zeros(columns.count)
     named = _named(finding)
     total = sum(each.probability for each in named)
     named = [replace(each, probability=each.probability / total) for each in named]
     leading = max(named, key=lambda each: each.probability)
-    sigmas: dict[str, Array] = {}
+    usual = {name: usual_variant(effect) for name, effect in effects.items()}
+    columns = Columns(known, usual).with_terms(named)
+    acting = columns.values(leading.terms)
+    heat = heat_of(recorded)
+    foretold = [[run if heat is None else heat.on(run) for run in design.runs()] for design in designs]
+    before, tolerant = columns.products(recorded, acting)
+    grams = [columns.products(runs, acting, before) for runs in foretold]
+    energies = np.array([np.diag(reduced(plain, known.sigmas))[1:] for plain, _ in grams])
+    best = energies.max(axis=0, initial=0.0)
+    seen = np.diag(reduced(before, known.sigmas))[1:]
+    sigmas = columns.bounds(model.noise.coarseness)
     unseen: list[str] = []
     odds: dict[str, float] = {}
-    for name, effect in effects.items():
+    for name in effects:
         own = columns.usual(name)
-        bounds = [max(abs(each) for each in p.bounds(model.noise.coarseness)) for p in effect.parameters]
-        sizes = np.minimum(_WORTH_FINDING / np.sqrt(np.maximum(best[own], 1e-300)), bounds)
-        if (sizes * np.sqrt(best[own])).max() < _VISIBLE:
+        sigmas[own] = np.minimum(_WORTH_FINDING / np.sqrt(np.maximum(best[own], 1e-300)), sigmas[own])
+        if (sigmas[own] * np.sqrt(best[own])).max() < _VISIBLE:
             unseen.append(name)
             continue
-        sigmas[name] = 1.0 / np.sqrt(1.0 / sizes**2 + seen[own])
-        odds[name] = 1.0 / math.sqrt(1.0 + float((sizes**2 * seen[own]).max()))
+        odds[name] = 1.0 / math.sqrt(1.0 + float((sigmas[own] ** 2 * seen[own]).max()))
     share = (_ANOTHER if leading.label else _FIRST) / max(len(odds), 1)
     hidden = [
         Explanation(leading.label | {name}, share * each * leading.probability, leading.terms, name)
@@ -209,8 +214,28 @@ def outlook(
     kept = [*named, *(each for each in hidden if each.probability > _LEAST * share)]
     total = sum(each.probability for each in kept)
     normed = tuple(replace(each, probability=each.probability / total) for each in kept)
-    shown = {name: float(best[columns.usual(name)][0]) for name in sigmas}
-    return Outlook(fitted, designs, normed, tuple(unseen), shown, columns, sigmas, made, heat)
+    shown = {name: float(best[columns.usual(name)][0]) for name in odds}
+    ready = {
+        (design.key, design.text): own
+        for design, own in zip(designs, grams, strict=True)
+        if design.key not in made
+    }
+    prior = np.concatenate((model.sigmas, sigmas))
+    return Outlook(
+        known,
+        designs,
+        normed,
+        tuple(unseen),
+        shown,
+        columns,
+        before,
+        tolerant,
+        prior,
+        acting,
+        made,
+        heat,
+        ready,
+    )
 
 
 def information_gained(before: Mapping[str, float], after: Mapping[str, float]) -> float:
@@ -245,15 +270,47 @@ class Columns:
         fitted = {id(term.variant): term.variant for each in explanations for term in each.terms}
         return Columns(self._model, self._usual, list(fitted.values()))
 
+    def values(self, terms: Sequence[Term]) -> Array:
+        """Return the coefficients (p,) of some fitted terms."""
+        values = np.zeros(self.count)
+        for term in terms:
+            values[self.place(term.variant)] += np.array(term.values)
+        return values
+
+    def bounds(self, coarseness: float) -> Array:
+        """Return the largest size of each coefficient, (p,)."""
+        every = [parameter for variant in self.variants for parameter in variant.effect.parameters]
+        return np.array([max(map(abs, parameter.bounds(coarseness))) for parameter in every])
+
+    def fitted(
+        self, recorded: Array, sigmas: Array, places: Sequence[slice], acting: Array, probability: float
+    ) -> Foretold:
+        """Return how an explanation of the columns at some places foretells, fitted where `acting` is seen."""
+        q = len(self._model.sigmas)
+        own = np.unique(np.concatenate([np.arange(q), *(q + np.arange(p.start, p.stop) for p in places)]))
+        follows = np.concatenate((np.zeros(q), acting))
+        return fitted(recorded, sigmas, own, follows, probability)
+
     def gram(self, runs: Sequence[GapRun]) -> Array:
         """Return the whitened columns' products in some runs, (p, p), what the nominal model can imitate out."""
-        q = len(self._model.sigmas)
-        total = np.zeros((1 + q + self.count,) * 2)
+        return reduced(self.products(runs, np.zeros(self.count))[0], self._model.sigmas)[1:, 1:]
+
+    def products(
+        self, runs: Sequence[GapRun], acting: Array, before: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Return products of whitened [data, nominal, effects' columns], and of the columns with their misfit.
+
+        `acting` (p,): the coefficients of what acts; `before`: the products before. Zero without runs.
+        """
+        cells: list[Cell] = []
         for group in group_runs(runs):
-            stack = stack_of(group, self._model, self.variants)
-            cells = group_cells(group, stack, self._model.noise)
-            total += weighted_gram(cells, np.ones(len(cells)))
-        return reduced(total, self._model.sigmas)[1:, 1:]
+            cells += group_cells(group, stack_of(group, self._model, self.variants), self._model.noise)
+        if not cells:
+            size = 1 + len(self._model.sigmas) + self.count
+            return np.zeros((size, size)), np.zeros((size - 1, size - 1))
+        plain = weighted_gram(cells, np.ones(len(cells)))
+        every = plain if before is None else plain + before
+        return plain, tolerant_gram(cells, every, self._model.sigmas, acting)
 
 
 def usual_variant(effect: Effect) -> Variant:
