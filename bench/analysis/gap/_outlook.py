@@ -8,7 +8,7 @@ standard deviations; each run that could have shown it and did not makes it less
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -111,9 +111,14 @@ class Outlook:
         made = [self._choice(each) for each in self.designs if each.hours <= most_h]
         return sorted(made, key=lambda each: -each.nats / each.design.hours)
 
-    def information(self, design: Design) -> float:
-        """Return the information expected of a run, in nats."""
-        return self._choice(design).nats
+    def information(self, design: Design, among: Collection[Label] = ()) -> float:
+        """Return the information expected of a run, in nats; `among`: if only these may act."""
+        own = [
+            foretold
+            for each, foretold in zip(self.explanations, self._predictions, strict=True)
+            if not among or each.label in among
+        ]
+        return expected_information(self._grams(design)[1], own)
 
     @cached_property
     def _predictions(self) -> list[Foretold]:
@@ -124,7 +129,7 @@ class Outlook:
         leading = self.leading
         after = expected_if(gram, self._predictions, self.explanations.index(leading))
         same = [each.label == leading.label for each in self.explanations]
-        return Choice(design, expected_information(gram, self._predictions), float(after[same].sum()))
+        return Choice(design, self.information(design), float(after[same].sum()))
 
     def showing(self, names: Label, most_h: float, least: float) -> Choice | None:
         """Return the shortest run in which some leading effects stand so far above the noise, if there is one.
