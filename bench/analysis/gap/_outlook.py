@@ -15,6 +15,7 @@ from itertools import pairwise
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.analysis.gap._candidates import effects_beside
 from bench.analysis.gap._cells import Cell, group_cells
@@ -25,7 +26,7 @@ from bench.analysis.gap._fit import weighted_gram
 from bench.analysis.gap._heat import Heat, heat_of
 from bench.analysis.gap._information import Foretold, deflection, expected_if, expected_information
 from bench.analysis.gap._model_file import Model, Term
-from bench.analysis.gap._predictions import fitted, tolerant_gram
+from bench.analysis.gap._predictions import fitted, log_odds, tolerant_gram
 from bench.analysis.gap._prepare import stack_of
 from bench.analysis.gap._rate import RateFinding
 from drivers.base.arrays import Array
@@ -118,14 +119,14 @@ class Outlook:
             for each, foretold in zip(self.explanations, self._predictions, strict=True)
             if not among or each.label in among
         ]
-        return expected_information(self._grams(design)[1], own)
+        return expected_information(self._grams(design)[1][1:, 1:], own)
 
     @cached_property
     def _predictions(self) -> list[Foretold]:
         return [self._foretold(each) for each in self.explanations]
 
     def _choice(self, design: Design) -> Choice:
-        gram = self._grams(design)[1]
+        gram = self._grams(design)[1][1:, 1:]
         leading = self.leading
         after = expected_if(gram, self._predictions, self.explanations.index(leading))
         same = [each.label == leading.label for each in self.explanations]
@@ -148,7 +149,7 @@ class Outlook:
         return None
 
     def _grams(self, design: Design) -> tuple[Array, Array]:
-        """Return the products in a run of [data, nominal, effects' columns], and those of columns with misfit."""
+        """Return the products in a run of [data, nominal, effects' columns], and the same on effects' misfit."""
         at = design.key, design.text
         if at not in self._seen:
             runs = self._foreseen(design)
@@ -170,7 +171,9 @@ class Outlook:
         own = [self._columns.place(term.variant) for term in explanation.terms]
         if explanation.hidden:
             own.append(self._columns.usual(explanation.hidden))
-        return self._columns.fitted(self._recorded, self._sigmas, own, self._acting, explanation.probability)
+        follows = np.concatenate((np.zeros(len(self.model.sigmas)), self._acting))
+        at = self._columns.indices(own)
+        return fitted(self._recorded, self._sigmas, at, follows, explanation.probability)
 
 
 def outlook(
@@ -199,48 +202,63 @@ def outlook(
     grams = [columns.products(runs, acting, before) for runs in foretold]
     energies = np.array([np.diag(reduced(plain, known.sigmas))[1:] for plain, _ in grams])
     best = energies.max(axis=0, initial=0.0)
-    seen = np.diag(reduced(before, known.sigmas))[1:]
     sigmas = columns.bounds(model.noise.coarseness)
-    unseen: list[str] = []
-    odds: dict[str, float] = {}
+    shown: dict[str, float] = {}
     for name in effects:
         own = columns.usual(name)
         sigmas[own] = np.minimum(_WORTH_FINDING / np.sqrt(np.maximum(best[own], 1e-300)), sigmas[own])
-        if (sigmas[own] * np.sqrt(best[own])).max() < _VISIBLE:
-            unseen.append(name)
-            continue
-        odds[name] = 1.0 / math.sqrt(1.0 + float((sigmas[own] ** 2 * seen[own]).max()))
-    share = (_ANOTHER if leading.label else _FIRST) / max(len(odds), 1)
+        if (sigmas[own] * np.sqrt(best[own])).max() >= _VISIBLE:
+            shown[name] = float(best[own][0])
+    prior = np.concatenate((model.sigmas, sigmas))
+    odds = _odds(columns, tolerant, prior, leading, [name for name in shown if name not in leading.label])
+    share = (_ANOTHER if leading.label else _FIRST) / max(len(shown), 1)
     hidden = [
-        Explanation(leading.label | {name}, share * each * leading.probability, leading.terms, name)
+        Explanation(leading.label | {name}, min(share * each, 1.0) * leading.probability, leading.terms, name)
         for name, each in odds.items()
-        if name not in leading.label
     ]
     kept = [*named, *(each for each in hidden if each.probability > _LEAST * share)]
     total = sum(each.probability for each in kept)
     normed = tuple(replace(each, probability=each.probability / total) for each in kept)
-    shown = {name: float(best[columns.usual(name)][0]) for name in odds}
+    unseen = tuple(name for name in effects if name not in shown)
     ready = {
         (design.key, design.text): own
         for design, own in zip(designs, grams, strict=True)
         if design.key not in made
     }
-    prior = np.concatenate((model.sigmas, sigmas))
     return Outlook(
         known,
         designs,
         normed,
-        tuple(unseen),
+        unseen,
         shown,
         columns,
         before,
-        tolerant,
+        tolerant[1:, 1:],
         prior,
         acting,
         made,
         heat,
         ready,
     )
+
+
+def _odds(
+    columns: Columns, recorded: Array, prior: Array, leading: Explanation, names: Sequence[str]
+) -> dict[str, float]:
+    """Return the odds that the recorded runs give for each hidden effect against none beside the leading ones.
+
+    They are those of data in which there is nothing of it. Where nothing is named but the data show it clearly,
+    they are not: what a diagnosis does not name for its other reasons is no less probable for that. Beside named
+    effects the data hold what these effects' formulas miss.
+    """
+    known = columns.indices([columns.place(term.variant) for term in leading.terms])
+    found = {}
+    for name in names:
+        own = np.setdiff1d(columns.indices([columns.usual(name)]), known)
+        as_fitted, without = log_odds(recorded, prior, known, own)
+        shown = not leading.label and 2.0 * (as_fitted - without) > _VISIBLE**2
+        found[name] = math.exp(as_fitted if shown else without)
+    return found
 
 
 def information_gained(before: Mapping[str, float], after: Mapping[str, float]) -> float:
@@ -287,14 +305,10 @@ class Columns:
         every = [parameter for variant in self.variants for parameter in variant.effect.parameters]
         return np.array([max(map(abs, parameter.bounds(coarseness))) for parameter in every])
 
-    def fitted(
-        self, recorded: Array, sigmas: Array, places: Sequence[slice], acting: Array, probability: float
-    ) -> Foretold:
-        """Return how an explanation of the columns at some places foretells, fitted where `acting` is seen."""
+    def indices(self, places: Sequence[slice]) -> NDArray[np.int64]:
+        """Return the indices among [nominal, effects' columns] of the nominal ones and those at some places."""
         q = len(self._model.sigmas)
-        own = np.unique(np.concatenate([np.arange(q), *(q + np.arange(p.start, p.stop) for p in places)]))
-        follows = np.concatenate((np.zeros(q), acting))
-        return fitted(recorded, sigmas, own, follows, probability)
+        return np.unique(np.concatenate([np.arange(q), *(q + np.arange(p.start, p.stop) for p in places)]))
 
     def gram(self, runs: Sequence[GapRun]) -> Array:
         """Return the whitened columns' products in some runs, (p, p), what the nominal model can imitate out."""
@@ -303,7 +317,7 @@ class Columns:
     def products(
         self, runs: Sequence[GapRun], acting: Array, before: Array | None = None
     ) -> tuple[Array, Array]:
-        """Return products of whitened [data, nominal, effects' columns], and of the columns with their misfit.
+        """Return products of whitened [data, nominal, effects' columns], and the same on the effects' misfit.
 
         `acting` (p,): the coefficients of what acts; `before`: the products before. Zero without runs.
         """
@@ -312,7 +326,7 @@ class Columns:
             cells += group_cells(group, stack_of(group, self._model, self.variants), self._model.noise)
         if not cells:
             size = 1 + len(self._model.sigmas) + self.count
-            return np.zeros((size, size)), np.zeros((size - 1, size - 1))
+            return np.zeros((size, size)), np.zeros((size, size))
         plain = weighted_gram(cells, np.ones(len(cells)))
         every = plain if before is None else plain + before
         return plain, tolerant_gram(cells, every, self._model.sigmas, acting)

@@ -30,7 +30,7 @@ from drivers.base.arrays import Array
 
 
 def tolerant_gram(cells: Sequence[Cell], every: Array, prior_sigmas: Array, effects: Array) -> Array:
-    """Return the products of [nominal, effects' columns] in a run, (q + p,) squared, on its noise and misfit.
+    """Return a run's products of [data, nominal, effects' columns], (1 + q + p,) squared, on noise and misfit.
 
     `every` is the Gram matrix of [data, nominal, effects] in this run and all others, without misfit; `effects`
     (p,) are the coefficients of what acts, of which each formula may miss a quarter beside what the nominal
@@ -44,7 +44,7 @@ def tolerant_gram(cells: Sequence[Cell], every: Array, prior_sigmas: Array, effe
     values[acting.indices] = acting.values
     energy = np.array([values[cell.at] @ cell.whitened @ values[cell.at] for cell in cells])
     variance = tolerated(cells, counts(cells) + energy, MISFIT, DIRECTIONS)
-    return weighted_gram(cells, variance)[1:, 1:]
+    return weighted_gram(cells, variance)
 
 
 def fitted(
@@ -62,3 +62,23 @@ def fitted(
     root[own] = scale[:, None] * np.linalg.inv(lower).T
     mean[own] = root[own] @ (root[own].T @ (recorded[own] @ follows))
     return Foretold(probability, mean, root)
+
+
+def log_odds(
+    products: Array, sigmas: Array, known: NDArray[np.int64], own: NDArray[np.int64]
+) -> tuple[float, float]:
+    """Return the log odds that recorded runs give for one more effect beside `known` columns: as it fits, or not.
+
+    `products` (1 + p,) squared are of [data, columns], `sigmas` (p,) the columns' priors, `own` the effect's. The
+    odds are those of the marginal likelihoods; the second as if the data were none of the effect.
+    """
+    both = np.concatenate((known, own))
+    scale = sigmas[both]
+    normal = np.eye(len(both)) + products[np.ix_(1 + both, 1 + both)] * np.outer(scale, scale)
+    data = products[1 + both, 0] * scale
+    ends = np.array(
+        [float(np.linalg.slogdet(part)[1]) for part in (normal, normal[: len(known), : len(known)])]
+    )
+    gains = [float(data[:n] @ np.linalg.solve(normal[:n, :n], data[:n])) for n in (len(both), len(known))]
+    volume = 0.5 * float(ends[0] - ends[1])
+    return 0.5 * (gains[0] - gains[1]) - volume, -volume
