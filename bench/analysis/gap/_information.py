@@ -31,8 +31,27 @@ class Foretold:
 
 def expected_information(gram: Array, explanations: Sequence[Foretold]) -> float:
     """Return the information that a run of this Gram matrix (p, p) is expected to give, in nats."""
-    weights = np.array([each.probability for each in explanations])
-    weights = weights / weights.sum()
+    return alikeness(gram, explanations).information([each.probability for each in explanations])
+
+
+@dataclass(frozen=True, eq=False)
+class Alikeness:
+    """How alike explanations foretell a run, (m, m) from 0 to 1: by pairwise distances, and by divergences."""
+
+    near: Array
+    farther: Array
+
+    def information(self, probabilities: Sequence[float]) -> float:
+        """Return the information about which is true, in nats; probabilities need not have a sum of 1."""
+        weights = np.array(probabilities) / sum(probabilities)
+        at = np.flatnonzero(weights)
+        own = weights[at]
+        bounds = [float(-(own @ np.log(each[np.ix_(at, at)] @ own))) for each in (self.near, self.farther)]
+        return 0.5 * sum(bounds)
+
+
+def alikeness(gram: Array, explanations: Sequence[Foretold]) -> Alikeness:
+    """Return how alike explanations foretell a run of this Gram matrix (p, p)."""
     spreads = [_Spread.of(gram, each) for each in explanations]
     count = len(explanations)
     near, farther = np.eye(count), np.eye(count)
@@ -41,8 +60,7 @@ def expected_information(gram: Array, explanations: Sequence[Foretold]) -> float
             near[i, j] = near[j, i] = math.exp(-_bhattacharyya(gram, spreads[i], spreads[j]))
         if i != j:
             farther[i, j] = math.exp(-max(_divergence(gram, spreads[i], spreads[j]), 0.0))
-    bounds = [float(-(weights @ np.log(each @ weights))) for each in (near, farther)]
-    return 0.5 * sum(bounds)
+    return Alikeness(near, farther)
 
 
 def expected_if(gram: Array, explanations: Sequence[Foretold], true: int) -> Array:

@@ -24,7 +24,7 @@ from bench.analysis.gap._designs import Design
 from bench.analysis.gap._evidence import reduced
 from bench.analysis.gap._fit import weighted_gram
 from bench.analysis.gap._heat import Heat, heat_of
-from bench.analysis.gap._information import Foretold, deflection, expected_if, expected_information
+from bench.analysis.gap._information import Alikeness, Foretold, alikeness, deflection, expected_if
 from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._predictions import fitted, log_odds, tolerant_gram
 from bench.analysis.gap._prepare import stack_of
@@ -93,6 +93,7 @@ class Outlook:
     _made: Mapping[str, Sequence[GapRun]] = field(repr=False, default_factory=dict)
     _heat: Heat | None = None
     _seen: dict[tuple[str, str], tuple[Array, Array]] = field(repr=False, default_factory=dict)
+    _alike: dict[tuple[str, str], Alikeness] = field(repr=False, default_factory=dict)
 
     @property
     def leading(self) -> Explanation:
@@ -113,13 +114,23 @@ class Outlook:
         return sorted(made, key=lambda each: -each.nats / each.design.hours)
 
     def information(self, design: Design, among: Collection[Label] = ()) -> float:
-        """Return the information expected of a run, in nats; `among`: if only these may act."""
-        own = [
-            foretold
-            for each, foretold in zip(self.explanations, self._predictions, strict=True)
-            if not among or each.label in among
-        ]
-        return expected_information(self._grams(design)[1][1:, 1:], own)
+        """Return the information expected of a run, in nats; `among`: if only these may act.
+
+        It is about what acts and, if that is a hidden effect, about another beside it: of two the first has its
+        probability, the second that of any other. Two are taken to be as far apart in a run as each alone.
+        """
+        at = design.key, design.text
+        if at not in self._alike:
+            self._alike[at] = alikeness(self._grams(design)[1][1:, 1:], self._predictions)
+        alike = self._alike[at]
+        first = [0.0 if among and each.label not in among else each.probability for each in self.explanations]
+        nats = alike.information(first)
+        hidden = [each.probability if each.hidden else 0.0 for each in self.explanations]
+        if among or self.leading.label or not any(hidden):
+            return nats
+        beside = [_ANOTHER * own / sum(hidden) for own in hidden]
+        beside[self.explanations.index(self.leading)] = 1.0
+        return nats + sum(hidden) / sum(first) * alike.information(beside)
 
     @cached_property
     def _predictions(self) -> list[Foretold]:
@@ -262,11 +273,22 @@ def _odds(
 
 
 def information_gained(before: Mapping[str, float], after: Mapping[str, float]) -> float:
-    """Return how far the probabilities moved, in nats: the Kullback-Leibler divergence of after from before."""
+    """Return how far the probabilities moved, in nats: the Kullback-Leibler divergence of after from before.
+
+    Names that act together are joined by " + ". What was not held possible before had the probability that
+    one effect, or one and others beside it, have before any run; nothing had less than two together.
+    """
+    count = max(len({one for name in before for one in name.split(" + ")}), 1)
+    first, another = _FIRST / (1.0 + _FIRST) / count, _ANOTHER / count
+
+    def prior(name: str) -> float:
+        fresh = first * another ** name.count(" + ")
+        return max(before.get(name, fresh), first * another)
+
     gained = 0.0
     for label, probability in after.items():
         if probability > _LEAST:
-            gained += probability * math.log(probability / max(before.get(label, 0.0), _LEAST))
+            gained += probability * math.log(probability / prior(label))
     return max(gained, 0.0)
 
 

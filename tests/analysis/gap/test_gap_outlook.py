@@ -9,6 +9,7 @@ import pytest
 
 from bench.analysis.gap import Design, designs_for, information_gained, other_equipment, outlook, read_model
 from bench.analysis.gap._designs import usual_designs
+from bench.analysis.gap._information import expected_information
 from bench.control.procedure import beyond_limits
 from bench.record.benchfile import load_bench_file
 
@@ -89,6 +90,33 @@ def test_information_gained_is_the_divergence_of_after_from_before():
     assert information_gained(before, {"shupe": 1.0}) == pytest.approx(math.log(4.0))
     half = {"shupe": 0.5, "mode_hop": 0.5}
     assert information_gained(before, half) == pytest.approx(math.log(2.0))
+
+
+def test_what_was_not_held_possible_had_the_probability_that_it_has_before_any_run():
+    """Three names: a first has half over three, another beside it a quarter over three."""
+    before = {"no gap": 0.6, "shupe": 0.4, "gradient": 0.0}
+    pair = 0.5 / 3.0 * 0.25 / 3.0
+    assert information_gained(before, {"mode_hop": 1.0}) == pytest.approx(-math.log(0.5 / 3.0))
+    for name in ("shupe + mode_hop", "mode_hop + bias_ramp", "gradient"):
+        assert information_gained(before, {name: 1.0}) == pytest.approx(-math.log(pair))
+    held = before | {"mode_hop + shupe": 0.01}
+    assert information_gained(held, {"mode_hop + shupe": 1.0}) == pytest.approx(math.log(100.0))
+
+
+def test_a_run_before_anything_is_named_is_about_a_second_effect_too(designs, start):
+    """The first as by itself, the second with the odds of another, if a first acts."""
+    run = designs[0]
+    gram = start._grams(run)[1][1:, 1:]
+    first = expected_information(gram, start._predictions)
+    hidden = [each for each in start._predictions if each.probability < 0.4]
+    share = sum(each.probability for each in hidden)
+    none = next(each for each in start._predictions if each.probability > 0.4)
+    odds = [replace(each, probability=0.25 * each.probability / share) for each in hidden]
+    second = expected_information(gram, [replace(none, probability=1.0), *odds])
+    assert start.information(run) == pytest.approx(first + share * second)
+    few = {frozenset(), frozenset({"shupe"})}
+    own = [start._predictions[n] for n, each in enumerate(start.explanations) if each.label in few]
+    assert start.information(run, few) == pytest.approx(expected_information(gram, own))
 
 
 def test_what_happens_while_the_rate_steps_is_not_foretold(designs):
