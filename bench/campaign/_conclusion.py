@@ -284,9 +284,12 @@ def _confirmed(
     before = _diagnosed([run for run in runs if run is not held_out], model, [held_out])
     if before is None:
         return False, first
-    names = frozenset(cause.name for cause in before.rate.causes)
-    names |= {gap.UNKNOWN} if before.rate.unknown_probability > 0.5 else set()
+    unknown = {gap.UNKNOWN} if before.rate.unknown_probability > 0.5 else set()
+    names = unknown.union(cause.name for cause in before.rate.causes)
+    # what is the form of another effect has a name of its own in the sets
+    forms = unknown.union(*(cause.effects for cause in before.rate.causes))
     held = [each for each in before.rate.held_out if each.cells]
-    if names in labels and (gap.UNKNOWN in names or any(each.low > 0.0 for each in held)):
+    same = names in labels or forms in labels
+    if same and (gap.UNKNOWN in names or any(each.low > 0.0 for each in held)):
         return True, frozenset()
-    return False, (first - names) or first
+    return False, (first - forms) or first

@@ -102,7 +102,7 @@ def test_one_of_several_is_shown_by_any_run_that_was_left_out(monkeypatch):
     def diagnosed(runs, model, held_out):
         found = "thermal_lag" if held_out == ["second"] else "gradient"
         held = [SimpleNamespace(low=0.4, cells=2)]
-        causes = (SimpleNamespace(name=found),)
+        causes = (SimpleNamespace(name=found, effects={found}),)
         return SimpleNamespace(rate=SimpleNamespace(causes=causes, unknown_probability=0.1, held_out=held))
 
     monkeypatch.setattr(_conclusion, "_diagnosed", diagnosed)
@@ -187,7 +187,7 @@ def test_an_answer_that_two_runs_in_a_row_did_not_confirm_is_open():
 
 
 def test_what_is_named_is_confirmed_when_it_was_found_again_and_foretold_some_of_the_newest_run(monkeypatch):
-    named = SimpleNamespace(name="shupe")
+    named = SimpleNamespace(name="shupe", effects={"shupe"})
     explained = [frozenset({"shupe"})]
 
     def judged(low, cells=3, causes=(named,), unknown=0.1):
@@ -202,6 +202,18 @@ def test_what_is_named_is_confirmed_when_it_was_found_again_and_foretold_some_of
     assert judged(-0.02) == judged(0.3, cells=0) == (False, frozenset({"shupe"}))
     assert judged(0.9, causes=()) == judged(0.9, unknown=0.6) == (False, frozenset({"shupe"}))
     assert _conclusion._confirmed([frozenset()], [1], None) == (True, frozenset())
+
+
+def test_what_is_named_as_the_form_of_another_effect_is_seen_with_it(monkeypatch):
+    both = [frozenset({"table_wobble_once", "table_wobble_twice"})]
+    one = SimpleNamespace(name="table_wobble_once", effects=set(both[0]))
+    rate = SimpleNamespace(
+        causes=[one], unknown_probability=0.1, held_out=[SimpleNamespace(low=0.4, cells=2)]
+    )
+    monkeypatch.setattr(_conclusion, "_diagnosed", lambda *_: SimpleNamespace(rate=rate))
+    assert _conclusion._confirmed(both, [1, 2], None) == (True, frozenset())
+    one.effects = {"table_wobble_once"}
+    assert _conclusion._confirmed(both, [1, 2], None) == (False, frozenset({"table_wobble_twice"}))
 
 
 def test_runs_made_to_confirm_are_remembered_with_the_answer_that_they_were_made_for():
