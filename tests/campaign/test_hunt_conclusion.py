@@ -100,14 +100,17 @@ def test_one_of_several_is_shown_by_any_run_that_was_left_out(monkeypatch):
     now = replace(after([], None, None, labels), given=["first", "second", "third"])
 
     def diagnosed(runs, model, held_out):
+        assert held_out[0] not in runs and len(runs) == len(searched.given) - 1
         found = "thermal_lag" if held_out == ["second"] else "gradient"
         held = [SimpleNamespace(low=0.4, cells=2)]
         causes = (SimpleNamespace(name=found, effects={found}),)
         return SimpleNamespace(rate=SimpleNamespace(causes=causes, unknown_probability=0.1, held_out=held))
 
     monkeypatch.setattr(_conclusion, "_diagnosed", diagnosed)
+    searched = now
     assert now.one_of == tuple(labels) and now.one_of_shown
-    assert not replace(now, given=["first", "third"]).one_of_shown
+    searched = replace(now, given=["first", "third"])
+    assert not searched.one_of_shown
 
 
 def test_the_fewest_that_have_a_probability_are_the_most_probable():

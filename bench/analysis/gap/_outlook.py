@@ -41,6 +41,8 @@ _FIRST, _ANOTHER = 1.0, 0.25
 """Prior odds that something acts where nothing was found, and that one more does beside what was found."""
 _DOUBTED = 0.1
 """Probability that a diagnosis gives to something unknown, whatever the runs, as a rule: no evidence of it."""
+_MOST_LOG_ODDS = 50.0
+"""Log odds of a hidden effect beyond which they are not told apart: it is as probable as what leads."""
 _LEAST = 1e-3
 """Probability below which an explanation is left out."""
 
@@ -268,7 +270,7 @@ def _odds(
         own = np.setdiff1d(columns.indices([columns.usual(name)]), known)
         as_fitted, without = log_odds(recorded, prior, known, own)
         shown = not leading.label and 2.0 * (as_fitted - without) > _VISIBLE**2
-        found[name] = math.exp(as_fitted if shown else without)
+        found[name] = math.exp(min(as_fitted if shown else without, _MOST_LOG_ODDS))
     return found
 
 
