@@ -15,7 +15,7 @@ from bench.campaign import CampaignFolder, CampaignRunner
 from bench.campaign.hunt import ALIKE, Hunt, HuntSettings, begin_hunt, fewest, steps_of
 from benchmarks.hunt._cases import Case, is_right
 from benchmarks.hunt._plants import NOMINAL, FibreOptic
-from benchmarks.hunt._seek import BUDGET_H, UNTIL, Searched, Step, among, stay_alike
+from benchmarks.hunt._seek import BUDGET_H, UNTIL, Searched, Step, among
 from benchmarks.hunt._strategies import SEARCH
 from drivers.base.clock import host_seconds
 
@@ -53,11 +53,11 @@ def ended(plant: FibreOptic, case: Case, hunt: Hunt) -> Searched:
     ends, acts = ("", "") if end is None else (end.ended, end.acts)
     left = () if end is None else fewest(end.probabilities, UNTIL)
     one_of, found = left if ends == ALIKE else (), among(plant, case, left)
-    right = found and stay_alike(plant, case, steps) if one_of else is_right(plant, case, ends, acts)
+    right = is_right(plant, case, ends, acts)
     return Searched(
         case.family, case.name, case.kind, case.seed, case.number, case.acts, dict(case.gap), SEARCH,
         "through bytes", ends, acts, 0.0 if end is None else end.probability, right,
-        BUDGET_H if end is None else end.used_h, steps, found, one_of,
+        BUDGET_H if end is None else end.used_h, steps, found, one_of, not (one_of and found),
     )  # fmt: skip
 
 

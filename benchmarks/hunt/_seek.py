@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -14,6 +14,7 @@ from bench.campaign.hunt import ALIKE, BUDGET, DECIDED, Made, Told, by_name, con
 from benchmarks.hunt._cases import Case, is_right
 from benchmarks.hunt._plants import HuntPlant
 from benchmarks.hunt._strategies import Strategy
+from drivers.base.files import replace_file
 
 BUDGET_H, UNTIL = 60.0, 0.95
 ENDS = (DECIDED, ALIKE)
@@ -60,11 +61,13 @@ class Searched:
     """Whether what acts is among the fewest explanations that together have the probability asked for."""
     one_of: tuple[str, ...] = ()
     """These explanations, where it ended because no run tells them apart."""
+    checked: bool = True
+    """Whether that claim was checked; as long as it is not, the end is not right and not wrong."""
 
     @property
     def wrong(self) -> bool:
         """Whether it decided for something else."""
-        return self.ended in ENDS and not self.right
+        return self.ended in ENDS and self.checked and not self.right
 
     @property
     def key(self) -> tuple[str, str, str, str]:
@@ -103,11 +106,11 @@ def seek(plant: HuntPlant, case: Case, name: str, strategy: Strategy) -> Searche
     left = fewest(by_name(now.outlook.probabilities), UNTIL)
     found = among(plant, case, left)
     one_of = left if ended == ALIKE else ()
-    right = found and stay_alike(plant, case, steps) if one_of else is_right(plant, case, ended, now.acts)
+    right = is_right(plant, case, ended, now.acts)
     return Searched(
         case.family, case.name, case.kind, case.seed, case.number, case.acts, dict(case.gap), name,
         "in process", ended, now.acts, now.probability, right, used_h if ended != BUDGET else BUDGET_H,
-        tuple(steps), found, one_of,
+        tuple(steps), found, one_of, not (one_of and found),
     )  # fmt: skip
 
 
@@ -138,11 +141,27 @@ def stay_alike(plant: HuntPlant, case: Case, steps: Sequence[Step]) -> bool:
     return True
 
 
+def check(plant: HuntPlant, case: Case, one: Searched) -> Searched:
+    """Return a search with its claim checked, that no run tells what is left apart."""
+    if one.checked:
+        return one
+    return replace(one, right=stay_alike(plant, case, one.steps), checked=True)
+
+
 def keep(folder: Path, one: Searched) -> None:
     """Add a search to the journal of a folder, a line each."""
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / JOURNAL).open("a", encoding="utf-8") as file:
-        file.write(json.dumps(asdict(one)) + "\n")
+        file.write(_line(one))
+
+
+def keep_all(folder: Path, searches: Sequence[Searched]) -> None:
+    """Write searches to the journal of a folder in place of what it has."""
+    replace_file(folder / JOURNAL, "".join(_line(one) for one in searches))
+
+
+def _line(one: Searched) -> str:
+    return json.dumps(asdict(one)) + "\n"
 
 
 def kept(folders: Sequence[Path]) -> Iterator[Searched]:

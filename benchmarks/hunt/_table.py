@@ -74,12 +74,14 @@ def _one_of(found: Sequence[Searched]) -> list[str]:
     """Return the row of ends that leave several open because no run tells them apart."""
     own = [one for one in found if one.strategy == SEARCH and one.ended == ALIKE]
     among, right = (sum(getattr(one, mark) for one in own) for mark in ("among", "right"))
+    open_still = sum(not one.checked for one in own)
     sizes = ", ".join(str(len(one.one_of)) for one in own) or "-"
     return [
         "| the search, one of several that no run tells apart | n | of how many | what acts is one of them | "
-        "and no further run decides |",
-        "|---|---|---|---|---|",
-        f"| counted above as right where both hold, else as wrong | {len(own)} | {sizes} | {among} | {right} |",
+        "and no further run decides | not checked yet |",
+        "|---|---|---|---|---|---|",
+        "| counted above as right where both hold, else as wrong, as neither before the check | "
+        f"{len(own)} | {sizes} | {among} | {right} | {open_still} |",
     ]
 
 

@@ -10,10 +10,11 @@ import pytest
 from bench.analysis.gap import UNKNOWN
 from bench.campaign.hunt import ALIKE, BUDGET, DECIDED, NO_GAP
 from benchmarks.hunt import _seek
+from benchmarks.hunt.__main__ import _checked
 from benchmarks.hunt._cases import NULL, OUTSIDE, PAIR, Case, drawn_case, is_right
 from benchmarks.hunt._plants import families
 from benchmarks.hunt._programme import programme_of
-from benchmarks.hunt._seek import Searched, Step, among, keep, kept, stay_alike
+from benchmarks.hunt._seek import Searched, Step, among, keep, keep_all, kept, stay_alike
 from benchmarks.hunt._strategies import standard_tests
 from benchmarks.hunt._table import tables, to_right_h
 
@@ -156,7 +157,7 @@ def test_ends_that_leave_several_open_have_a_row_of_their_own():
     assert (right.wrong, decidable.wrong, other.wrong) == (False, True, True)
     text = "\n".join(tables([right, decidable, other], ["a"]))
     assert "| the search | 3 | 33 % [6, 79] | 67 % [21, 94] | 0 of 0 | 100 % [44, 100] | 60.0 " in text
-    assert "| counted above as right where both hold, else as wrong | 3 | 2, 2, 2 | 2 | 1 |" in text
+    assert "before the check | 3 | 2, 2, 2 | 2 | 1 | 0 |" in text
     assert "alike: shupe, gradient | 4.0 | a further run decides |" in text
     assert "alike: shupe, gradient | 4.0 | none of those named |" in text
 
@@ -166,3 +167,29 @@ def test_slopes_of_the_first_three_runs_and_of_later_ones_stand_apart():
     text = "\n".join(tables([replace(ONE, steps=(first, first, first, later))], ["a"]))
     # 1.5 + 0.004 over 0.75 + 0.04
     assert "| 1.90 [1.90, 1.90] | 2.00 [2.00, 2.00] | 0.10 [0.10, 0.10] |" in text
+
+
+def test_a_claim_that_is_not_checked_yet_is_neither_right_nor_wrong(plants, tmp_path, monkeypatch):
+    to_check = replace(ONE, ended=ALIKE, one_of=("shupe", "gradient"), among=True, right=False, checked=False)
+    assert not to_check.wrong
+    assert "before the check | 1 | 2 | 1 | 0 | 1 |" in "\n".join(tables([to_check], ["a"]))
+    asked = []
+
+    def stays(plant, case, steps):
+        asked.append((plant.name, case, tuple(steps)))
+        return len(asked) == 1
+
+    monkeypatch.setattr(_seek, "stay_alike", stays)
+    other = replace(to_check, case="mems 2", seed=2, kind=PAIR)
+    keep_all(tmp_path, [ONE, to_check, other])
+    assert list(_checked(tmp_path)) == [
+        replace(to_check, right=True, checked=True),
+        replace(other, checked=True),
+    ]
+    assert [(one.right, one.wrong) for one in kept([tmp_path])] == [
+        (True, False),
+        (True, False),
+        (False, True),
+    ]
+    assert asked[1] == ("mems", Case("mems", 0, PAIR, 2, {"squeezed": 1.0}), (STEP,))
+    assert list(_checked(tmp_path)) == [] and len(asked) == 2
