@@ -50,8 +50,8 @@ def _strategies(found: Sequence[Searched]) -> list[str]:
     lines = [
         "| strategy | n | right | wrong ends | open, what acts among those left | ended in budget | "
         "hours, median | times the search's | slope of realised on expected nats | of the first three runs | "
-        "of later ones |",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
+        "of later ones | of the cases without pairs |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     hours = {s: {one.case: to_right_h(one) for one in found if one.strategy == s} for s in STRATEGIES}
     for name in STRATEGIES:
@@ -65,7 +65,8 @@ def _strategies(found: Sequence[Searched]) -> list[str]:
             f"{_share([one.wrong for one in own])} | {_among(own)} | "
             f"{_share([one.ended in ENDS for one in own])} | "
             f"{_with_interval([(h,) for h in hours[name].values()], _median, '{:.1f}')} | {times} | "
-            f"{_slope(own)} | {_slope(own, slice(_FIRST))} | {_slope(own, slice(_FIRST, None))} |"
+            f"{_slope(own)} | {_slope(own, slice(_FIRST))} | {_slope(own, slice(_FIRST, None))} | "
+            f"{_slope([one for one in own if one.kind != PAIR])} |"
         )
     return [*lines, "", *_one_of(found), "", _processor(found)]
 

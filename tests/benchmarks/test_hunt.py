@@ -164,9 +164,11 @@ def test_ends_that_leave_several_open_have_a_row_of_their_own():
 
 def test_slopes_of_the_first_three_runs_and_of_later_ones_stand_apart():
     first, later = replace(STEP, expected=0.5, gained=1.0), replace(STEP, expected=0.2, gained=0.02)
-    text = "\n".join(tables([replace(ONE, steps=(first, first, first, later))], ["a"]))
+    one = replace(ONE, steps=(first, first, first, later))
     # 1.5 + 0.004 over 0.75 + 0.04
-    assert "| 1.90 [1.90, 1.90] | 2.00 [2.00, 2.00] | 0.10 [0.10, 0.10] |" in text
+    parts = "| 1.90 [1.90, 1.90] | 2.00 [2.00, 2.00] | 0.10 [0.10, 0.10] |"
+    assert f"{parts} 1.90 [1.90, 1.90] |" in "\n".join(tables([one], ["a"]))
+    assert f"{parts} - |" in "\n".join(tables([replace(one, kind=PAIR)], ["a"]))
 
 
 def test_a_claim_that_is_not_checked_yet_is_neither_right_nor_wrong(plants, tmp_path, monkeypatch):
