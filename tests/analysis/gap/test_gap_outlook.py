@@ -131,7 +131,7 @@ def test_a_formula_may_miss_as_much_where_the_nominal_model_could_imitate_the_ef
     before = columns.products(both.runs(), acting)[0]
     plain, alone = (each[1 + q, 1 + q] for each in columns.products(one.runs(), acting))
     after = columns.products(one.runs(), acting, before)[1][1 + q, 1 + q]
-    # the energy of 10 arcmin in the few cells about the turn's period: 8 / 0.25^2 each, were all of it in one
+    # the energy of 10 deg in the few cells about the turn's period: 8 / 0.25^2 each, were all of it in one
     assert 100.0 * after < 8.0 / 0.25**2 * 30.0 < 100.0 * alone < 100.0 * plain
 
 
