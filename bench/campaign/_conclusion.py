@@ -6,13 +6,15 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import takewhile
+from typing import TypeVar
 
 from bench.analysis import gap
 from bench.analysis.gap import Choice, Design, Diagnosis, Model, Outlook, Recordings
 
 NO_GAP = "no gap"
-DECIDED, UNDECIDED, BUDGET = "decided", "undecided", "budget"
+DECIDED, ALIKE, UNDECIDED, BUDGET = "decided", "alike", "undecided", "budget"
 _LEAST_NATS = 0.02
 """Expected information below which a run is not worth making."""
 _LITTLE = 0.25
@@ -24,9 +26,13 @@ _CLEAR = 10.0
 _MOST_CONFIRMING = 2
 """Runs in a row that may fail to confirm an answer: what was fitted does not foretell, a third tells no more."""
 
-_IN_VAIN, _MOST_IN_VAIN = 0.1, 4
-"""Part of what was expected below which a run told nothing; after so many in a row no other is expected to."""
+_MOST_ALIKE = 4
+"""Explanations that an answer may leave open: as many as a diagnosis names as one cause."""
+_IN_VAIN, _SOME_IN_VAIN, _MOST_IN_VAIN = 0.1, 2, 4
+"""Part of what was expected below which a run told nothing; after some in a row it is not the runs' fault and all
+others are expected to tell less, after the most none is expected to tell anything."""
 
+Name = TypeVar("Name")
 Order = Callable[[Sequence[Choice]], Sequence[Choice]]
 
 
@@ -57,7 +63,7 @@ class Conclusion:
 
     `confirmed` is None as long as nothing has the probability asked for, then whether what acts was seen in a
     run that it was not fitted to; `unseen` are the names that such a run has to show. `until`: the
-    probability asked for.
+    probability asked for; `given` are the runs in their order, `nominal` is the model before them.
     """
 
     outlook: Outlook
@@ -65,8 +71,27 @@ class Conclusion:
     acts: str
     probability: float
     until: float
+    given: Sequence[Recordings]
+    nominal: Model
     confirmed: bool | None = None
     unseen: frozenset[str] = frozenset()
+
+    @cached_property
+    def left(self) -> tuple[frozenset[str], ...]:
+        """The fewest explanations that together have the probability asked for."""
+        return fewest(self.outlook.probabilities, self.until)
+
+    @property
+    def one_of(self) -> tuple[frozenset[str], ...]:
+        """What is left if it is a few effects by name; else nothing."""
+        named = all(label and gap.UNKNOWN not in label for label in self.left)
+        return self.left if named and 1 < len(self.left) <= _MOST_ALIKE else ()
+
+    @cached_property
+    def one_of_shown(self) -> bool:
+        """Whether one of these was found without a run and is in it."""
+        runs = range(len(self.given) - 1, -1, -1)
+        return any(_confirmed(self.one_of, self.given, self.nominal, without)[0] for without in runs)
 
     @property
     def verdict(self) -> str:
@@ -94,8 +119,8 @@ def conclude(runs: Sequence[Made], model: Model, designs: Sequence[Design], unti
     acts, probability = leading(now.probabilities)
     confirmed, unseen = None, frozenset[str]()
     if probability >= until:
-        confirmed, unseen = _confirmed(now, acts, given, model)
-    return Conclusion(now, found, acts, probability, until, confirmed, unseen)
+        confirmed, unseen = _confirmed([now.leading.label], given, model)
+    return Conclusion(now, found, acts, probability, until, given, model, confirmed, unseen)
 
 
 def next_choice(
@@ -108,7 +133,8 @@ def next_choice(
     """Return the run to make in the bench time left, or None and how the search has ended.
 
     A design that was made and told less than was expected of it is expected to tell that much less again, and so
-    are the others of its kind.
+    are the others of its kind. After two in a row that told nothing every run is: what is foretold of what is
+    left open is wrong. The search has ended, too, where a few effects are left that no run would tell apart.
     """
     if now.confirmed is not None:
         tries = list(takewhile(lambda told: told.confirming == now.acts, reversed(history)))
@@ -118,12 +144,18 @@ def next_choice(
         return choice, "" if choice else DECIDED
     if _in_vain(history) >= _MOST_IN_VAIN:
         return None, UNDECIDED
-    told = _told(history)
+    told = _Told.of(history)
     left = [
-        replace(each, nats=each.nats * told.get(_kind(each.design.key), 1.0))
+        replace(each, nats=each.nats * told.part(each.design.key))
         for each in now.outlook.choices(left_h)
         if usable(each.design)
     ]
+    if _alike(now, told, usable):
+        if now.one_of_shown:
+            return None, ALIKE
+        choice = now.outlook.showing(now.outlook.leading.label, left_h, _CLEAR)
+        if choice and choice.design.key not in {each.design for each in history}:
+            return choice, ""
     fitting = sorted(left, key=lambda choice: -choice.nats / choice.design.hours)
     choice = next(iter(order(fitting)), None)
     if order is by_information:
@@ -153,18 +185,51 @@ def _in_vain(history: Sequence[Told]) -> int:
     return sum(1 for _ in takewhile(lambda told: told.gained < _IN_VAIN * told.expected, reversed(runs)))
 
 
-def _told(runs: Sequence[Told]) -> dict[str, float]:
-    """Return by kind of design which part of what was expected of its newest run that told, at most all of it.
+def _alike(now: Conclusion, told: _Told, usable: Callable[[Design], bool]) -> bool:
+    """Return whether a few effects are left that no run of the bench is expected to tell apart."""
+    return bool(now.one_of) and all(
+        told.part(each.key) * now.outlook.information(each, now.one_of) <= _LEAST_NATS
+        for each in now.outlook.designs
+        if usable(each)
+    )
 
-    `runs` are in their order, and what was expected of each is less what its kind had failed to tell before.
-    The first run may have told much: of what a repeat tells it says nothing.
-    """
-    told: dict[str, float] = {}
-    for run in runs:
-        kind = _kind(run.design)
-        own = run.expected / told.get(kind, 1.0)
-        told[kind] = (_DOUBT_NATS + min(run.gained, own)) / (_DOUBT_NATS + own)
-    return told
+
+@dataclass(frozen=True)
+class _Told:
+    """Which part of what was expected was told: by the newest run of each kind, and by the newest in vain."""
+
+    kinds: Mapping[str, float]
+    vain: float
+
+    @classmethod
+    def of(cls, runs: Sequence[Told]) -> _Told:
+        """Return that of some runs in their order, of each of which was expected what those before had left.
+
+        The first run of a kind may have told much: of what a repeat tells it says nothing.
+        """
+        kinds: dict[str, float] = {}
+        vain: list[tuple[float, float]] = []
+        for run in runs:
+            kind = _kind(run.design)
+            own = run.expected / min(kinds.get(kind, 1.0), _in_vain_part(vain))
+            kinds[kind] = _part(own, min(run.gained, own))
+            if not run.confirming:
+                in_vain = run.gained < _IN_VAIN * run.expected
+                vain = [*vain, (own, run.gained)] if in_vain else []
+        return cls(kinds, _in_vain_part(vain))
+
+    def part(self, design: str) -> float:
+        """Return the part of what is expected of a design that it will tell, at most all of it."""
+        return min(self.kinds.get(_kind(design), 1.0), self.vain)
+
+
+def _in_vain_part(runs: Sequence[tuple[float, float]]) -> float:
+    expected, gained = (sum(each) for each in zip(*runs, strict=True)) if runs else (0.0, 0.0)
+    return _part(expected, gained) if len(runs) >= _SOME_IN_VAIN else 1.0
+
+
+def _part(expected: float, gained: float) -> float:
+    return (_DOUBT_NATS + gained) / (_DOUBT_NATS + expected)
 
 
 def _kind(design: str) -> str:
@@ -176,6 +241,18 @@ def _kind(design: str) -> str:
 def by_name(probabilities: Mapping[frozenset[str], float]) -> dict[str, float]:
     """Return probabilities by the names that act, as they are written and told."""
     return {" + ".join(sorted(label)) or NO_GAP: value for label, value in probabilities.items()}
+
+
+def fewest(probabilities: Mapping[Name, float], until: float) -> tuple[Name, ...]:
+    """Return the fewest explanations that together have a probability, the most probable first."""
+    left: list[Name] = []
+    total = 0.0
+    for name, probability in sorted(probabilities.items(), key=lambda each: -each[1]):
+        left.append(name)
+        total += probability
+        if total >= until:
+            break
+    return tuple(left)
 
 
 def leading(probabilities: Mapping[frozenset[str], float]) -> tuple[str, float]:
@@ -194,18 +271,25 @@ def _diagnosed(
 
 
 def _confirmed(
-    now: Outlook, acts: str, runs: Sequence[Recordings], model: Model
+    labels: Sequence[frozenset[str]], runs: Sequence[Recordings], model: Model, without: int = -1
 ) -> tuple[bool, frozenset[str]]:
-    """Return whether the newest run has shown what acts, found without it; else what is to be shown."""
-    if acts == NO_GAP:
+    """Return whether a run, the newest, has shown one of some explanations that was found without it.
+
+    Else what is to be shown of the first of them.
+    """
+    first = labels[0]
+    if not first:
         return True, frozenset()
-    label = now.leading.label
-    before = _diagnosed(runs[:-1], model, runs[-1:])
+    held_out = runs[without]
+    before = _diagnosed([run for run in runs if run is not held_out], model, [held_out])
     if before is None:
-        return False, label
-    names = frozenset(cause.name for cause in before.rate.causes)
-    names |= {gap.UNKNOWN} if before.rate.unknown_probability > 0.5 else set()
+        return False, first
+    unknown = {gap.UNKNOWN} if before.rate.unknown_probability > 0.5 else set()
+    names = unknown.union(cause.name for cause in before.rate.causes)
+    # what is the form of another effect has a name of its own in the sets
+    forms = unknown.union(*(cause.effects for cause in before.rate.causes))
     held = [each for each in before.rate.held_out if each.cells]
-    if names == label and (gap.UNKNOWN in names or any(each.low > 0.0 for each in held)):
+    same = names in labels or forms in labels
+    if same and (gap.UNKNOWN in names or any(each.low > 0.0 for each in held)):
         return True, frozenset()
-    return False, (label - names) or label
+    return False, (first - forms) or first

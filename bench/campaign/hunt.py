@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from bench.analysis import gap
 from bench.analysis.gap import Choice, Design, Diagnosis, Outlook, Recordings
 from bench.campaign._conclusion import (
+    ALIKE,
     BUDGET,
     DECIDED,
     NO_GAP,
@@ -31,6 +32,7 @@ from bench.campaign._conclusion import (
     by_information,
     by_name,
     conclude,
+    fewest,
     next_choice,
 )
 from bench.campaign._file import CampaignRun
@@ -42,6 +44,7 @@ from drivers.base.errors import ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, parse_json, read_bounded, replace_file
 
 __all__ = [
+    "ALIKE",
     "BUDGET",
     "DECIDED",
     "NO_GAP",
@@ -57,6 +60,7 @@ __all__ = [
     "by_information",
     "by_name",
     "conclude",
+    "fewest",
     "next_choice",
     "steps_of",
 ]

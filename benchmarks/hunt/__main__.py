@@ -14,7 +14,7 @@ from benchmarks.hunt._bytes import killed, through_bytes
 from benchmarks.hunt._cases import Case, drawn_case
 from benchmarks.hunt._order import find_order, keep_order, order_of
 from benchmarks.hunt._plants import FibreOptic, HuntPlant, families
-from benchmarks.hunt._seek import Searched, keep, kept, seek
+from benchmarks.hunt._seek import Searched, check, keep, keep_all, kept, seek
 from benchmarks.hunt._strategies import SEARCH, STRATEGIES, strategy_of
 from benchmarks.hunt._table import by_mode, tables
 
@@ -35,6 +35,10 @@ def main(words: Sequence[str] | None = None) -> int:
         "bytes", help="search on emulated labs through bytes what is not in the journal yet"
     )
     _common(byting)
+    checking = commands.add_parser(
+        "check", help="make every run once more after searches that no run should have decided"
+    )
+    checking.add_argument("--out", type=Path, required=True, help="folder of the journal")
     killing = commands.add_parser("kill", help="kill one search ten times at random and compare its journal")
     killing.add_argument("--seed", type=int, default=1)
     killing.add_argument("--number", type=int, default=0, help="of the case")
@@ -53,6 +57,9 @@ def main(words: Sequence[str] | None = None) -> int:
         keep_order(chosen.out, order)
     elif chosen.command == "bytes":
         for one in _through_bytes(chosen):
+            print(_line(one), flush=True)
+    elif chosen.command == "check":
+        for one in _checked(chosen.out):
             print(_line(one), flush=True)
     elif chosen.command == "kill":
         return _kill(chosen.seed, chosen.number)
@@ -104,6 +111,20 @@ def _through_bytes(chosen: argparse.Namespace) -> Iterator[Searched]:
         yield one
 
 
+def _checked(folder: Path) -> Iterator[Searched]:
+    """Check what was not checked yet; the journal has it at once."""
+    plants = families()
+    searches = list(kept([folder]))
+    for place, one in enumerate(searches):
+        if one.checked:
+            continue
+        plant = plants[one.family]
+        case = Case(one.family, one.number, one.kind, one.seed, one.sizes)
+        searches[place] = check(plant, case, one)
+        keep_all(folder, searches)
+        yield searches[place]
+
+
 def _kill(seed: int, number: int) -> int:
     plant = FibreOptic()
     case = drawn_case(plant, number, seed)
@@ -129,7 +150,7 @@ def _in_turn(chosen: argparse.Namespace) -> Iterator[tuple[HuntPlant, Case]]:
 
 def _line(one: Searched) -> str:
     took_s = sum(step.diagnosis_s + step.choice_s for step in one.steps)
-    mark = "right" if one.right else "WRONG" if one.wrong else "open"
+    mark = "right" if one.right else "WRONG" if one.wrong else "open" if one.checked else "to check"
     return (
         f"{one.case} {one.kind} [{one.truth}] {one.strategy}: {mark}, {one.ended}, {one.acts} "
         f"{100 * one.probability:.0f} %, {one.hours:.1f} h, {len(one.steps)} runs, {took_s:.0f} s"

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from bench.analysis.gap import model_text
 from bench.campaign import CampaignFolder, CampaignRunner
-from bench.campaign.hunt import Hunt, HuntSettings, begin_hunt, steps_of
+from bench.campaign.hunt import ALIKE, Hunt, HuntSettings, begin_hunt, fewest, steps_of
 from benchmarks.hunt._cases import Case, is_right
 from benchmarks.hunt._plants import NOMINAL, FibreOptic
 from benchmarks.hunt._seek import BUDGET_H, UNTIL, Searched, Step, among
@@ -51,11 +51,13 @@ def ended(plant: FibreOptic, case: Case, hunt: Hunt) -> Searched:
         for step in steps_of(hunt) if step.after is not None
     )  # fmt: skip
     ends, acts = ("", "") if end is None else (end.ended, end.acts)
+    left = () if end is None else fewest(end.probabilities, UNTIL)
+    one_of, found = left if ends == ALIKE else (), among(plant, case, left)
+    right = is_right(plant, case, ends, acts)
     return Searched(
         case.family, case.name, case.kind, case.seed, case.number, case.acts, dict(case.gap), SEARCH,
-        "through bytes", ends, acts, 0.0 if end is None else end.probability, is_right(plant, case, ends, acts),
-        BUDGET_H if end is None else end.used_h, steps,
-        end is not None and among(plant, case, end.probabilities),
+        "through bytes", ends, acts, 0.0 if end is None else end.probability, right,
+        BUDGET_H if end is None else end.used_h, steps, found, one_of, not (one_of and found),
     )  # fmt: skip
 
 

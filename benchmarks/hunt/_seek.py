@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import process_time
 from typing import Any
 
 from bench.analysis.gap import information_gained
-from bench.campaign.hunt import BUDGET, DECIDED, Made, Told, by_name, conclude
+from bench.campaign.hunt import ALIKE, BUDGET, DECIDED, Made, Told, by_name, conclude, fewest
 from benchmarks.hunt._cases import Case, is_right
 from benchmarks.hunt._plants import HuntPlant
 from benchmarks.hunt._strategies import Strategy
+from drivers.base.files import replace_file
 
 BUDGET_H, UNTIL = 60.0, 0.95
+ENDS = (DECIDED, ALIKE)
 JOURNAL = "searches.jsonl"
 
 
@@ -57,11 +59,15 @@ class Searched:
     steps: tuple[Step, ...]
     among: bool = False
     """Whether what acts is among the fewest explanations that together have the probability asked for."""
+    one_of: tuple[str, ...] = ()
+    """These explanations, where it ended because no run tells them apart."""
+    checked: bool = True
+    """Whether that claim was checked; as long as it is not, the end is not right and not wrong."""
 
     @property
     def wrong(self) -> bool:
         """Whether it decided for something else."""
-        return self.ended == "decided" and not self.right
+        return self.ended in ENDS and self.checked and not self.right
 
     @property
     def key(self) -> tuple[str, str, str, str]:
@@ -97,31 +103,65 @@ def seek(plant: HuntPlant, case: Case, name: str, strategy: Strategy) -> Searche
                 now.probability, taken_s, chosen_s,
             )
         )  # fmt: skip
+    left = fewest(by_name(now.outlook.probabilities), UNTIL)
+    found = among(plant, case, left)
+    one_of = left if ended == ALIKE else ()
     right = is_right(plant, case, ended, now.acts)
     return Searched(
         case.family, case.name, case.kind, case.seed, case.number, case.acts, dict(case.gap), name,
         "in process", ended, now.acts, now.probability, right, used_h if ended != BUDGET else BUDGET_H,
-        tuple(steps), among(plant, case, by_name(now.outlook.probabilities)),
+        tuple(steps), found, one_of, not (one_of and found),
     )  # fmt: skip
 
 
-def among(plant: HuntPlant, case: Case, probabilities: Mapping[str, float]) -> bool:
-    """Return whether what acts is among the fewest explanations that together have the probability asked for."""
-    total = 0.0
-    for name, probability in sorted(probabilities.items(), key=lambda each: -each[1]):
-        if is_right(plant, case, DECIDED, name):
-            return True
-        total += probability
-        if total >= UNTIL:
-            break
-    return False
+def among(plant: HuntPlant, case: Case, names: Sequence[str]) -> bool:
+    """Return whether what acts is one of some explanations."""
+    return any(is_right(plant, case, DECIDED, name) for name in names)
+
+
+def stay_alike(plant: HuntPlant, case: Case, steps: Sequence[Step]) -> bool:
+    """Return whether after a search's runs no single further one that the bench can make decides.
+
+    All are made once more, in process, and diagnosed: nothing that was foretold takes part.
+    """
+    designs = {(each.procedure, each.text): each for each in plant.designs}
+    order = [*(designs[step.procedure, step.text] for step in steps), *plant.designs]
+    made = [
+        Made(design.key, plant.recorded(design, case.gap, case.seed, number))
+        for number, design in enumerate(order)
+    ]
+    for further in made[len(steps) :]:
+        runs = [*made[: len(steps)], further]
+        # what no run has shown makes the whole bench less sure than one run of it
+        if all(
+            conclude(runs, plant.model, known, UNTIL).probability >= UNTIL
+            for known in (plant.designs[:1], plant.designs)
+        ):
+            return False
+    return True
+
+
+def check(plant: HuntPlant, case: Case, one: Searched) -> Searched:
+    """Return a search with its claim checked, that no run tells what is left apart."""
+    if one.checked:
+        return one
+    return replace(one, right=stay_alike(plant, case, one.steps), checked=True)
 
 
 def keep(folder: Path, one: Searched) -> None:
     """Add a search to the journal of a folder, a line each."""
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / JOURNAL).open("a", encoding="utf-8") as file:
-        file.write(json.dumps(asdict(one)) + "\n")
+        file.write(_line(one))
+
+
+def keep_all(folder: Path, searches: Sequence[Searched]) -> None:
+    """Write searches to the journal of a folder in place of what it has."""
+    replace_file(folder / JOURNAL, "".join(_line(one) for one in searches))
+
+
+def _line(one: Searched) -> str:
+    return json.dumps(asdict(one)) + "\n"
 
 
 def kept(folders: Sequence[Path]) -> Iterator[Searched]:
@@ -132,4 +172,5 @@ def kept(folders: Sequence[Path]) -> Iterator[Searched]:
         for line in lines:
             data: dict[str, Any] = json.loads(line)
             steps = tuple(Step(**step) for step in data.pop("steps"))
-            yield Searched(**data, steps=steps)
+            one_of = tuple(data.pop("one_of", ()))
+            yield Searched(**data, steps=steps, one_of=one_of)

@@ -9,9 +9,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from bench.analysis.gap import UNKNOWN
-from bench.campaign.hunt import NO_GAP
+from bench.campaign.hunt import ALIKE, NO_GAP
 from benchmarks.hunt._cases import NULL, OUTSIDE, PAIR, SINGLE
-from benchmarks.hunt._seek import BUDGET_H, UNTIL, Searched
+from benchmarks.hunt._seek import BUDGET_H, ENDS, UNTIL, Searched
 from benchmarks.hunt._strategies import FIXED, RANDOM, SEARCH, STRATEGIES, SUGGESTED
 from drivers.base.arrays import Array
 
@@ -24,6 +24,8 @@ _SAID = {
 _TWO_SIDED = 1.96
 _DRAWS = 2000
 _WORST = 10
+_FIRST = 3
+"""Runs whose slope is shown apart: most of what a search learns comes of them."""
 
 
 def tables(found: Sequence[Searched], order: Sequence[str]) -> list[str]:
@@ -47,8 +49,9 @@ def tables(found: Sequence[Searched], order: Sequence[str]) -> list[str]:
 def _strategies(found: Sequence[Searched]) -> list[str]:
     lines = [
         "| strategy | n | right | wrong ends | open, what acts among those left | ended in budget | "
-        "hours, median | times the search's | slope of realised on expected nats |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "hours, median | times the search's | slope of realised on expected nats | of the first three runs | "
+        "of later ones | of the cases without pairs |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     hours = {s: {one.case: to_right_h(one) for one in found if one.strategy == s} for s in STRATEGIES}
     for name in STRATEGIES:
@@ -60,16 +63,32 @@ def _strategies(found: Sequence[Searched]) -> list[str]:
         lines.append(
             f"| {_SAID[name]} | {len(own)} | {_share([one.right for one in own])} | "
             f"{_share([one.wrong for one in own])} | {_among(own)} | "
-            f"{_share([one.ended == 'decided' for one in own])} | "
+            f"{_share([one.ended in ENDS for one in own])} | "
             f"{_with_interval([(h,) for h in hours[name].values()], _median, '{:.1f}')} | {times} | "
-            f"{_slope(own)} |"
+            f"{_slope(own)} | {_slope(own, slice(_FIRST))} | {_slope(own, slice(_FIRST, None))} | "
+            f"{_slope([one for one in own if one.kind != PAIR])} |"
         )
-    return [*lines, "", _processor(found)]
+    return [*lines, "", *_one_of(found), "", _processor(found)]
+
+
+def _one_of(found: Sequence[Searched]) -> list[str]:
+    """Return the row of ends that leave several open because no run tells them apart."""
+    own = [one for one in found if one.strategy == SEARCH and one.ended == ALIKE]
+    among, right = (sum(getattr(one, mark) for one in own) for mark in ("among", "right"))
+    open_still = sum(not one.checked for one in own)
+    sizes = ", ".join(str(len(one.one_of)) for one in own) or "-"
+    return [
+        "| the search, one of several that no run tells apart | n | of how many | what acts is one of them | "
+        "and no further run decides | not checked yet |",
+        "|---|---|---|---|---|---|",
+        "| counted above as right where both hold, else as wrong, as neither before the check | "
+        f"{len(own)} | {sizes} | {among} | {right} | {open_still} |",
+    ]
 
 
 def _among(own: Sequence[Searched]) -> str:
     """Return of how many open ends what acts is among the fewest explanations left."""
-    still = [one for one in own if one.ended != "decided"]
+    still = [one for one in own if one.ended not in ENDS]
     return f"{sum(one.among for one in still)} of {len(still)}"
 
 
@@ -91,16 +110,17 @@ def _processor(found: Sequence[Searched]) -> str:
     )
 
 
-def _slope(own: Sequence[Searched]) -> str:
+def _slope(own: Sequence[Searched], part: slice = slice(None)) -> str:
     """Return the slope through zero of realised on expected information by run, cases drawn again as a whole."""
     sums = [
         (
-            sum(step.expected * step.gained for step in one.steps),
-            sum(step.expected**2 for step in one.steps),
+            sum(step.expected * step.gained for step in one.steps[part]),
+            sum(step.expected**2 for step in one.steps[part]),
         )
         for one in own
     ]
-    return _with_interval([each for each in sums if each[1] > 0.0], _ratio_of_sums, "{:.2f}")
+    told = [each for each in sums if each[1] > 0.0]
+    return _with_interval(told, _ratio_of_sums, "{:.2f}") if told else "-"
 
 
 def _parts(own: Sequence[Searched]) -> list[str]:
@@ -138,7 +158,7 @@ def _worst(own: Sequence[Searched]) -> list[str]:
     lines = ["| worst cases | has | ended | hours | what went wrong |", "|---|---|---|---|---|"]
     ranked = sorted(own, key=lambda one: (one.right, not one.wrong, -one.hours))
     for one in ranked[:_WORST]:
-        end = f"{one.ended}: {one.acts} {100.0 * one.probability:.0f} %"
+        end = f"{one.ended}: {', '.join(one.one_of) or f'{one.acts} {100.0 * one.probability:.0f} %'}"
         lines.append(f"| {one.case} | {one.truth} | {end} | {one.hours:.1f} | {_what(one)} |")
     return lines
 
@@ -147,6 +167,8 @@ def _what(one: Searched) -> str:
     if one.right:
         longest = max(one.steps, key=lambda step: step.hours)
         return f"right after {len(one.steps)} runs, the longest {longest.procedure} of {longest.hours:.1f} h"
+    if one.one_of:
+        return "a further run decides" if one.among else "none of those named"
     if not one.wrong:
         return f"no answer after {len(one.steps)} runs"
     if one.acts == NO_GAP:

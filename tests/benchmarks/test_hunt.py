@@ -2,16 +2,19 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from bench.analysis.gap import UNKNOWN
-from bench.campaign.hunt import BUDGET, DECIDED, NO_GAP
+from bench.campaign.hunt import ALIKE, BUDGET, DECIDED, NO_GAP
+from benchmarks.hunt import _seek
+from benchmarks.hunt.__main__ import _checked
 from benchmarks.hunt._cases import NULL, OUTSIDE, PAIR, Case, drawn_case, is_right
 from benchmarks.hunt._plants import families
 from benchmarks.hunt._programme import programme_of
-from benchmarks.hunt._seek import Searched, Step, among, keep, kept
+from benchmarks.hunt._seek import Searched, Step, among, keep, keep_all, kept, stay_alike
 from benchmarks.hunt._strategies import standard_tests
 from benchmarks.hunt._table import tables, to_right_h
 
@@ -72,9 +75,34 @@ def test_right_is_exactly_what_acts_by_any_of_its_names(plants):
 
 def test_what_acts_may_be_among_the_fewest_explanations_that_are_left(plants):
     plant, case = plants["ring_laser"], Case("ring_laser", 0, "single", 1, {"azimuth": 1.0})
-    assert among(plant, case, {"shupe": 0.6, "azimuth_error": 0.36, "gradient": 0.04})
-    assert not among(plant, case, {"shupe": 0.6, "gradient": 0.36, "azimuth_error": 0.04})
-    assert not among(plant, case, {"gradient + azimuth_error": 1.0})
+    assert among(plant, case, ["shupe", "azimuth_error"])
+    assert not among(plant, case, ["shupe", "gradient"])
+    assert not among(plant, case, ["gradient + azimuth_error"]) and not among(plant, case, [])
+
+
+def test_one_of_several_stays_so_only_if_no_single_further_run_decides(plants, monkeypatch):
+    """The runs of the search come first, as they were made; then each that the bench can make, alone."""
+    plant, case = plants["ring_laser"], Case("ring_laser", 0, "single", 1, {"azimuth": 1.0})
+    step = replace(STEP, procedure=plant.designs[3].procedure, text=plant.designs[3].text)
+    monkeypatch.setattr(type(plant), "recorded", lambda self, design, gap, seed, number: (gap, seed, number))
+    seen = []
+
+    def concluded(runs, model, designs, until):
+        seen.append([(run.design, run.recordings) for run in runs])
+        sure = 0.96 if runs[-1].design == deciding and len(designs) in few else 0.9
+        return SimpleNamespace(probability=sure)
+
+    monkeypatch.setattr(_seek, "conclude", concluded)
+    deciding, few = "", (1, len(plant.designs))
+    assert stay_alike(plant, case, [step])
+    assert [runs[-1][0] for runs in seen] == [design.key for design in plant.designs]
+    assert all(runs[0] == (plant.designs[3].key, (case.gap, case.seed, 0)) for runs in seen)
+    assert [runs[-1][1][2] for runs in seen] == list(range(1, 1 + len(plant.designs)))
+    deciding = plant.designs[5].key
+    assert not stay_alike(plant, case, [step])
+    # decided only as long as the rest of the bench is not looked at: it is not
+    few = (1,)
+    assert stay_alike(plant, case, [step])
 
 
 def test_a_programme_takes_the_time_that_its_procedure_expects(plants):
@@ -120,3 +148,50 @@ def test_the_tables_count_wrong_and_open_ends_as_the_whole_budget():
     assert "0.50 [0.50, 0.50] |" in text  # a quarter nat told of half a nat
     assert "| squeezed (mems) | 3 | 1 | 1 | 60.0 |" in text
     assert "| mems 2 | squeezed | decided: gradient 97 % | 6.0 | another name |" in text
+
+
+def test_ends_that_leave_several_open_have_a_row_of_their_own():
+    right = replace(ONE, ended=ALIKE, one_of=("shupe", "gradient"), among=True, hours=4.0)
+    decidable = replace(right, case="mems 2", right=False)
+    other = replace(right, case="mems 3", right=False, among=False)
+    assert (right.wrong, decidable.wrong, other.wrong) == (False, True, True)
+    text = "\n".join(tables([right, decidable, other], ["a"]))
+    assert "| the search | 3 | 33 % [6, 79] | 67 % [21, 94] | 0 of 0 | 100 % [44, 100] | 60.0 " in text
+    assert "before the check | 3 | 2, 2, 2 | 2 | 1 | 0 |" in text
+    assert "alike: shupe, gradient | 4.0 | a further run decides |" in text
+    assert "alike: shupe, gradient | 4.0 | none of those named |" in text
+
+
+def test_slopes_of_the_first_three_runs_and_of_later_ones_stand_apart():
+    first, later = replace(STEP, expected=0.5, gained=1.0), replace(STEP, expected=0.2, gained=0.02)
+    one = replace(ONE, steps=(first, first, first, later))
+    # 1.5 + 0.004 over 0.75 + 0.04
+    parts = "| 1.90 [1.90, 1.90] | 2.00 [2.00, 2.00] | 0.10 [0.10, 0.10] |"
+    assert f"{parts} 1.90 [1.90, 1.90] |" in "\n".join(tables([one], ["a"]))
+    assert f"{parts} - |" in "\n".join(tables([replace(one, kind=PAIR)], ["a"]))
+
+
+def test_a_claim_that_is_not_checked_yet_is_neither_right_nor_wrong(plants, tmp_path, monkeypatch):
+    to_check = replace(ONE, ended=ALIKE, one_of=("shupe", "gradient"), among=True, right=False, checked=False)
+    assert not to_check.wrong
+    assert "before the check | 1 | 2 | 1 | 0 | 1 |" in "\n".join(tables([to_check], ["a"]))
+    asked = []
+
+    def stays(plant, case, steps):
+        asked.append((plant.name, case, tuple(steps)))
+        return len(asked) == 1
+
+    monkeypatch.setattr(_seek, "stay_alike", stays)
+    other = replace(to_check, case="mems 2", seed=2, kind=PAIR)
+    keep_all(tmp_path, [ONE, to_check, other])
+    assert list(_checked(tmp_path)) == [
+        replace(to_check, right=True, checked=True),
+        replace(other, checked=True),
+    ]
+    assert [(one.right, one.wrong) for one in kept([tmp_path])] == [
+        (True, False),
+        (True, False),
+        (False, True),
+    ]
+    assert asked[1] == ("mems", Case("mems", 0, PAIR, 2, {"squeezed": 1.0}), (STEP,))
+    assert list(_checked(tmp_path)) == [] and len(asked) == 2

@@ -1,14 +1,26 @@
 """What a search makes of its runs: repeats that tell nothing, the sooner of two ends, confirmation elsewhere."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 
 from bench.analysis.gap import UNKNOWN, Choice, key_of
 from bench.campaign import _conclusion
-from bench.campaign._conclusion import _told
-from bench.campaign.hunt import BUDGET, DECIDED, NO_GAP, UNDECIDED, Conclusion, Hunt, Told, next_choice
+from bench.campaign._conclusion import _Told
+from bench.campaign.hunt import (
+    ALIKE,
+    BUDGET,
+    DECIDED,
+    NO_GAP,
+    UNDECIDED,
+    Conclusion,
+    Hunt,
+    Told,
+    fewest,
+    next_choice,
+)
 from bench.record.events.campaign import NextRun, Sought
 
 
@@ -20,22 +32,90 @@ def ran(procedure, expected, gained, confirming="", **settings):
     return Told(key_of(procedure, settings), expected, gained, confirming)
 
 
-def after(choices, confirmed=None, showing=None):
+def after(choices, confirmed=None, showing=None, probabilities=None, within=None):
     outlook = SimpleNamespace(
         choices=lambda most_h: [each for each in choices if each.design.hours <= most_h],
         showing=lambda names, most_h, least: showing,
+        probabilities=probabilities or {frozenset({"shupe"}): 0.9, frozenset(): 0.1},
+        leading=SimpleNamespace(label=frozenset({"shupe"})),
+        designs=[each.design for each in choices],
+        information=lambda design, among: within[design.procedure],
     )
-    return Conclusion(outlook, None, "shupe", 0.9, 0.95, confirmed, frozenset({UNKNOWN}))
+    return Conclusion(outlook, None, "shupe", 0.9, 0.95, [], None, confirmed, frozenset({UNKNOWN}))
 
 
 def test_a_design_that_told_half_is_expected_to_tell_half_again_and_a_surprise_counts_once():
-    told = _told([ran("a", 0.38, 0.18), ran("b", 0.3, 4.0)])
+    told = _Told.of([ran("a", 0.38, 0.18), ran("b", 0.3, 4.0)])
     # 0.02 nats as expected stand beside: (0.02 + 0.18) / (0.02 + 0.38)
-    assert told == pytest.approx({"a": 0.5, "b": 1.0})
+    assert told.kinds == pytest.approx({"a": 0.5, "b": 1.0})
+    assert told.vain == 1.0
     # the repeat was expected to tell 0.2 because half had been taken off 0.4
-    again = _told([ran("a", 0.38, 0.18), ran("b", 0.3, 4.0), ran("a", 0.2, 0.0), ran("b", 0.9, 0.0)])
-    assert again["a"] == pytest.approx(0.02 / (0.02 + 0.4))
-    assert again["b"] == pytest.approx(0.02 / (0.02 + 0.9))
+    again = _Told.of([ran("a", 0.38, 0.18), ran("b", 0.3, 4.0), ran("a", 0.2, 0.0)])
+    assert again.kinds["a"] == pytest.approx(0.02 / (0.02 + 0.4))
+
+
+def test_after_runs_in_vain_every_run_is_expected_to_tell_less_until_one_tells():
+    vain = [ran("a", 0.3, 0.0), ran("b", 0.5, 0.0)]
+    # 0.02 nats as expected stand beside
+    told = _Told.of(vain)
+    assert told.vain == pytest.approx(0.02 / 0.82) == told.part(key_of("c", {}))
+    assert _Told.of([*vain, ran("x", 0.1, 0.0, confirming="shupe")]).vain == told.vain
+    assert _Told.of([*vain, ran("d", 0.02, 0.01)]).vain == 1.0
+    # one alone speaks for its kind only
+    assert _Told.of(vain[:1]).vain == 1.0
+    # a third is expected to tell that much less, and was told nothing of what it would be else
+    third = _Told.of([*vain, ran("c", 0.4 * told.vain, 0.0)])
+    assert third.vain == pytest.approx(0.02 / (0.82 + 0.4))
+    # what its own kind told counts where that is less
+    assert [_Told({"a": 0.1}, 0.5).part(key_of(name, {})) for name in "ab"] == [0.1, 0.5]
+
+
+def test_a_few_that_no_run_tells_apart_end_the_search_if_a_run_has_shown_one_of_them(monkeypatch):
+    shupe, lag, none = frozenset({"shupe"}), frozenset({"thermal_lag"}), frozenset()
+    choices = [Choice(design("a", 1.0), 0.5), Choice(design("b", 2.0), 0.4)]
+    alike = {shupe: 0.6, lag: 0.36, none: 0.04}
+    confirming = Choice(design("c", 1.0), math.nan)
+
+    def then(probabilities=alike, within=None, shown=True, history=()):
+        within = within or {"a": 0.02, "b": 0.01}
+        monkeypatch.setattr(Conclusion, "one_of_shown", shown)
+        return next_choice(after(choices, None, confirming, probabilities, within), 9.0, history=history)
+
+    assert then() == (None, ALIKE)
+    assert then(within={"a": 0.02, "b": 0.03})[0] == choices[0]
+    # what a run in vain took off counts here, too
+    assert then(within={"a": 0.2, "b": 0.3}, history=[ran("x", 0.4, 0.0)] * 2) == (None, ALIKE)
+    # no gap, something unknown, or more than four are no answer
+    unknown = frozenset({"shupe", UNKNOWN})
+    many = {frozenset({name}): 0.19 for name in "abcde"}
+    for others in ({shupe: 0.6, none: 0.36, lag: 0.04}, {shupe: 0.6, unknown: 0.36, lag: 0.04}, many):
+        assert then(others)[1] == ""
+    # one that no run has shown is shown first, once by a run
+    assert then(shown=False) == (confirming, "")
+    assert then(shown=False, history=[ran("c", 0.1, 0.1)])[0] == choices[0]
+
+
+def test_one_of_several_is_shown_by_any_run_that_was_left_out(monkeypatch):
+    labels = {frozenset({"shupe"}): 0.6, frozenset({"thermal_lag"}): 0.36}
+    now = replace(after([], None, None, labels), given=["first", "second", "third"])
+
+    def diagnosed(runs, model, held_out):
+        assert held_out[0] not in runs and len(runs) == len(searched.given) - 1
+        found = "thermal_lag" if held_out == ["second"] else "gradient"
+        held = [SimpleNamespace(low=0.4, cells=2)]
+        causes = (SimpleNamespace(name=found, effects={found}),)
+        return SimpleNamespace(rate=SimpleNamespace(causes=causes, unknown_probability=0.1, held_out=held))
+
+    monkeypatch.setattr(_conclusion, "_diagnosed", diagnosed)
+    searched = now
+    assert now.one_of == tuple(labels) and now.one_of_shown
+    searched = replace(now, given=["first", "third"])
+    assert not searched.one_of_shown
+
+
+def test_the_fewest_that_have_a_probability_are_the_most_probable():
+    found = {"a": 0.2, "b": 0.5, "c": 0.25, "d": 0.05}
+    assert fewest(found, 0.95) == ("b", "c", "a") and fewest(found, 0.5) == ("b",)
 
 
 def test_a_run_that_told_nothing_makes_place_for_another():
@@ -60,7 +140,8 @@ def test_a_run_that_told_nothing_speaks_for_its_kind():
 
 
 def test_a_search_is_open_when_four_runs_in_a_row_told_nothing():
-    now = after([Choice(design("a", 1.0), 0.5)])
+    # however much the next one promises
+    now = after([Choice(design("a", 1.0), 1e6)])
     vain, told = ran("x", 0.4, 0.03), ran("y", 0.4, 0.05)
     confirming = ran("c", 0.4, 0.0, confirming="shupe")
     for history in (
@@ -109,21 +190,33 @@ def test_an_answer_that_two_runs_in_a_row_did_not_confirm_is_open():
 
 
 def test_what_is_named_is_confirmed_when_it_was_found_again_and_foretold_some_of_the_newest_run(monkeypatch):
-    named = SimpleNamespace(name="shupe")
-    explained = SimpleNamespace(leading=SimpleNamespace(label=frozenset({"shupe"})))
+    named = SimpleNamespace(name="shupe", effects={"shupe"})
+    explained = [frozenset({"shupe"})]
 
     def judged(low, cells=3, causes=(named,), unknown=0.1):
         rate = SimpleNamespace(
             causes=causes, unknown_probability=unknown, held_out=[SimpleNamespace(low=low, cells=cells)]
         )
         monkeypatch.setattr(_conclusion, "_diagnosed", lambda *_: SimpleNamespace(rate=rate))
-        return _conclusion._confirmed(explained, "shupe", [1, 2], None)
+        return _conclusion._confirmed(explained, [1, 2], None)
 
     assert judged(0.02) == (True, frozenset())
     # nothing of it was foretold, nothing of it shows there, another was named, something unknown beside
     assert judged(-0.02) == judged(0.3, cells=0) == (False, frozenset({"shupe"}))
     assert judged(0.9, causes=()) == judged(0.9, unknown=0.6) == (False, frozenset({"shupe"}))
-    assert _conclusion._confirmed(explained, NO_GAP, [1], None) == (True, frozenset())
+    assert _conclusion._confirmed([frozenset()], [1], None) == (True, frozenset())
+
+
+def test_what_is_named_as_the_form_of_another_effect_is_seen_with_it(monkeypatch):
+    both = [frozenset({"table_wobble_once", "table_wobble_twice"})]
+    one = SimpleNamespace(name="table_wobble_once", effects=set(both[0]))
+    rate = SimpleNamespace(
+        causes=[one], unknown_probability=0.1, held_out=[SimpleNamespace(low=0.4, cells=2)]
+    )
+    monkeypatch.setattr(_conclusion, "_diagnosed", lambda *_: SimpleNamespace(rate=rate))
+    assert _conclusion._confirmed(both, [1, 2], None) == (True, frozenset())
+    one.effects = {"table_wobble_once"}
+    assert _conclusion._confirmed(both, [1, 2], None) == (False, frozenset({"table_wobble_twice"}))
 
 
 def test_runs_made_to_confirm_are_remembered_with_the_answer_that_they_were_made_for():

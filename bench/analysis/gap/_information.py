@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.analysis.gap._fit import DIRECTIONS, MISFIT
 from drivers.base.arrays import Array
@@ -23,22 +22,36 @@ from drivers.base.arrays import Array
 
 @dataclass(frozen=True, eq=False)
 class Foretold:
-    """How an explanation foretells a run: `mean` (p,) of the coefficients, `sigmas` (p,) their spread."""
+    """How an explanation foretells a run: `mean` (p,) of the coefficients, `root` (p, k) of their covariance."""
 
     probability: float
     mean: Array
-    sigmas: Array
-
-    @property
-    def spread(self) -> NDArray[np.int64]:
-        """Columns of unknown size."""
-        return np.flatnonzero(self.sigmas > 0.0)
+    root: Array
 
 
 def expected_information(gram: Array, explanations: Sequence[Foretold]) -> float:
     """Return the information that a run of this Gram matrix (p, p) is expected to give, in nats."""
-    weights = np.array([each.probability for each in explanations])
-    weights = weights / weights.sum()
+    return alikeness(gram, explanations).information([each.probability for each in explanations])
+
+
+@dataclass(frozen=True, eq=False)
+class Alikeness:
+    """How alike explanations foretell a run, (m, m) from 0 to 1: by pairwise distances, and by divergences."""
+
+    near: Array
+    farther: Array
+
+    def information(self, probabilities: Sequence[float]) -> float:
+        """Return the information about which is true, in nats; probabilities need not have a sum of 1."""
+        weights = np.array(probabilities) / sum(probabilities)
+        at = np.flatnonzero(weights)
+        own = weights[at]
+        bounds = [float(-(own @ np.log(each[np.ix_(at, at)] @ own))) for each in (self.near, self.farther)]
+        return 0.5 * sum(bounds)
+
+
+def alikeness(gram: Array, explanations: Sequence[Foretold]) -> Alikeness:
+    """Return how alike explanations foretell a run of this Gram matrix (p, p)."""
     spreads = [_Spread.of(gram, each) for each in explanations]
     count = len(explanations)
     near, farther = np.eye(count), np.eye(count)
@@ -47,8 +60,7 @@ def expected_information(gram: Array, explanations: Sequence[Foretold]) -> float
             near[i, j] = near[j, i] = math.exp(-_bhattacharyya(gram, spreads[i], spreads[j]))
         if i != j:
             farther[i, j] = math.exp(-max(_divergence(gram, spreads[i], spreads[j]), 0.0))
-    bounds = [float(-(weights @ np.log(each @ weights))) for each in (near, farther)]
-    return 0.5 * sum(bounds)
+    return Alikeness(near, farther)
 
 
 def expected_if(gram: Array, explanations: Sequence[Foretold], true: int) -> Array:
@@ -57,7 +69,7 @@ def expected_if(gram: Array, explanations: Sequence[Foretold], true: int) -> Arr
     Each loses the mean log odds that the run gives against it: the Kullback-Leibler divergence of the true one's
     prediction, at its fitted size, from its own, less that from the true one's with its spread.
     """
-    fitted = _Spread.of(gram, replace(explanations[true], sigmas=np.zeros(len(gram))))
+    fitted = _Spread.of(gram, replace(explanations[true], root=np.zeros((len(gram), 0))))
     lost = np.array([_divergence(gram, fitted, _Spread.of(gram, each)) for each in explanations])
     weights = np.array([each.probability for each in explanations]) * np.exp(
         -np.maximum(lost - lost[true], 0.0)
@@ -86,10 +98,7 @@ class _Spread:
     @classmethod
     def of(cls, gram: Array, explanation: Foretold) -> _Spread:
         """Return that of an explanation."""
-        spread = explanation.spread
-        root = np.zeros((len(explanation.mean), len(spread)))
-        root[spread, np.arange(len(spread))] = explanation.sigmas[spread]
-        return cls.with_root(gram, explanation.mean, root)
+        return cls.with_root(gram, explanation.mean, explanation.root)
 
     @classmethod
     def with_root(cls, gram: Array, mean: Array, root: Array) -> _Spread:

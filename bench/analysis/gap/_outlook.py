@@ -8,23 +8,25 @@ standard deviations; each run that could have shown it and did not makes it less
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.analysis.gap._candidates import effects_beside
-from bench.analysis.gap._cells import group_cells
+from bench.analysis.gap._cells import Cell, group_cells
 from bench.analysis.gap._data import GapRun, group_runs
 from bench.analysis.gap._designs import Design
 from bench.analysis.gap._evidence import reduced
 from bench.analysis.gap._fit import weighted_gram
 from bench.analysis.gap._heat import Heat, heat_of
-from bench.analysis.gap._information import Foretold, deflection, expected_if, expected_information
+from bench.analysis.gap._information import Alikeness, Foretold, alikeness, deflection, expected_if
 from bench.analysis.gap._model_file import Model, Term
+from bench.analysis.gap._predictions import fitted, log_odds, tolerant_gram
 from bench.analysis.gap._prepare import stack_of
 from bench.analysis.gap._rate import RateFinding
 from drivers.base.arrays import Array
@@ -39,6 +41,8 @@ _FIRST, _ANOTHER = 1.0, 0.25
 """Prior odds that something acts where nothing was found, and that one more does beside what was found."""
 _DOUBTED = 0.1
 """Probability that a diagnosis gives to something unknown, whatever the runs, as a rule: no evidence of it."""
+_MOST_LOG_ODDS = 50.0
+"""Log odds of a hidden effect beyond which they are not told apart: it is as probable as what leads."""
 _LEAST = 1e-3
 """Probability below which an explanation is left out."""
 
@@ -84,9 +88,14 @@ class Outlook:
     hidden_from_bench: tuple[str, ...]
     energies: Mapping[str, float]
     _columns: Columns = field(repr=False)
-    _sigmas: Mapping[str, Array] = field(repr=False)
+    _before: Array = field(repr=False)
+    _recorded: Array = field(repr=False)
+    _sigmas: Array = field(repr=False)
+    _acting: Array = field(repr=False)
     _made: Mapping[str, Sequence[GapRun]] = field(repr=False, default_factory=dict)
     _heat: Heat | None = None
+    _seen: dict[tuple[str, str], tuple[Array, Array]] = field(repr=False, default_factory=dict)
+    _alike: dict[tuple[str, str], Alikeness] = field(repr=False, default_factory=dict)
 
     @property
     def leading(self) -> Explanation:
@@ -106,25 +115,35 @@ class Outlook:
         made = [self._choice(each) for each in self.designs if each.hours <= most_h]
         return sorted(made, key=lambda each: -each.nats / each.design.hours)
 
-    def information(self, design: Design) -> float:
-        """Return the information expected of a run, in nats."""
-        return self._choice(design).nats
+    def information(self, design: Design, among: Collection[Label] = ()) -> float:
+        """Return the information expected of a run, in nats; `among`: if only these may act.
 
-    @cached_property
-    def _all_columns(self) -> Columns:
-        """The effects' columns with those of all terms of the explanations."""
-        return self._columns.with_terms(self.explanations)
+        It is about what acts and, if that is a hidden effect, about another beside it: of two the first has its
+        probability, the second that of any other. Two are taken to be as far apart in a run as each alone.
+        """
+        at = design.key, design.text
+        if at not in self._alike:
+            self._alike[at] = alikeness(self._grams(design)[1][1:, 1:], self._predictions)
+        alike = self._alike[at]
+        first = [0.0 if among and each.label not in among else each.probability for each in self.explanations]
+        nats = alike.information(first)
+        hidden = [each.probability if each.hidden else 0.0 for each in self.explanations]
+        if among or self.leading.label or not any(hidden):
+            return nats
+        beside = [_ANOTHER * own / sum(hidden) for own in hidden]
+        beside[self.explanations.index(self.leading)] = 1.0
+        return nats + sum(hidden) / sum(first) * alike.information(beside)
 
     @cached_property
     def _predictions(self) -> list[Foretold]:
-        return [self._foretold(each, self._all_columns) for each in self.explanations]
+        return [self._foretold(each) for each in self.explanations]
 
     def _choice(self, design: Design) -> Choice:
-        gram = self._all_columns.gram(self._foreseen(design))
+        gram = self._grams(design)[1][1:, 1:]
         leading = self.leading
         after = expected_if(gram, self._predictions, self.explanations.index(leading))
         same = [each.label == leading.label for each in self.explanations]
-        return Choice(design, expected_information(gram, self._predictions), float(after[same].sum()))
+        return Choice(design, self.information(design), float(after[same].sum()))
 
     def showing(self, names: Label, most_h: float, least: float) -> Choice | None:
         """Return the shortest run in which some leading effects stand so far above the noise, if there is one.
@@ -132,16 +151,23 @@ class Outlook:
         A run of another kind than those made comes before one of the same: a wrong form that was fitted to a run
         fits its repeat as well.
         """
-        columns = self._all_columns
         terms = [term for term in self.leading.terms if term.name in names] or list(self.leading.terms)
-        explanation = Explanation(names, 1.0, tuple(terms))
+        mean = self._columns.values(terms)
         for design in sorted(self.designs, key=lambda each: (each.key in self._made, each.hours)):
             if design.hours > most_h:
                 continue
-            mean = self._foretold(explanation, columns).mean
-            if deflection(columns.gram(self._foreseen(design)), mean) >= least:
+            plain = reduced(self._grams(design)[0], self.model.sigmas)[1:, 1:]
+            if deflection(plain, mean) >= least:
                 return Choice(design, self.information(design))
         return None
+
+    def _grams(self, design: Design) -> tuple[Array, Array]:
+        """Return the products in a run of [data, nominal, effects' columns], and the same on effects' misfit."""
+        at = design.key, design.text
+        if at not in self._seen:
+            runs = self._foreseen(design)
+            self._seen[at] = self._columns.products(runs, self._acting, self._before)
+        return self._seen[at]
 
     def _foreseen(self, design: Design) -> Sequence[GapRun]:
         """Return what would act on the gyro: of a run that was made what was recorded, else what is foretold.
@@ -154,15 +180,13 @@ class Outlook:
             return recorded or design.runs()
         return [self._heat.on(run) for run in design.runs()]
 
-    def _foretold(self, explanation: Explanation, columns: Columns) -> Foretold:
-        mean, sigmas = np.zeros(columns.count), np.zeros(columns.count)
-        for term in explanation.terms:
-            own = columns.place(term.variant)
-            mean[own] += np.array(term.values)
-            sigmas[own] = np.maximum(sigmas[own], np.array(term.sigmas))
+    def _foretold(self, explanation: Explanation) -> Foretold:
+        own = [self._columns.place(term.variant) for term in explanation.terms]
         if explanation.hidden:
-            sigmas[columns.usual(explanation.hidden)] = self._sigmas[explanation.hidden]
-        return Foretold(explanation.probability, mean, sigmas)
+            own.append(self._columns.usual(explanation.hidden))
+        follows = np.concatenate((np.zeros(len(self.model.sigmas)), self._acting))
+        at = self._columns.indices(own)
+        return fitted(self._recorded, self._sigmas, at, follows, explanation.probability)
 
 
 def outlook(
@@ -176,49 +200,97 @@ def outlook(
 
     `made`: the stretches of the newest run of a design by its key.
     """
-    fitted = model if finding is None else finding.nominal
+    known = model if finding is None else finding.nominal
     effects = effects_beside(model)
-    columns = Columns(fitted, {name: usual_variant(effect) for name, effect in effects.items()})
-    heat = heat_of(recorded)
-    foretold = [[run if heat is None else heat.on(run) for run in design.runs()] for design in designs]
-    energies = np.array([np.diag(columns.gram(runs)) for runs in foretold])
-    best = energies.max(axis=0, initial=0.0)
-    seen = np.diag(columns.gram(recorded)) if recorded else np.zeros(columns.count)
     named = _named(finding)
     total = sum(each.probability for each in named)
     named = [replace(each, probability=each.probability / total) for each in named]
     leading = max(named, key=lambda each: each.probability)
-    sigmas: dict[str, Array] = {}
-    unseen: list[str] = []
-    odds: dict[str, float] = {}
-    for name, effect in effects.items():
+    usual = {name: usual_variant(effect) for name, effect in effects.items()}
+    columns = Columns(known, usual).with_terms(named)
+    acting = columns.values(leading.terms)
+    heat = heat_of(recorded)
+    foretold = [[run if heat is None else heat.on(run) for run in design.runs()] for design in designs]
+    before, tolerant = columns.products(recorded, acting)
+    grams = [columns.products(runs, acting, before) for runs in foretold]
+    energies = np.array([np.diag(reduced(plain, known.sigmas))[1:] for plain, _ in grams])
+    best = energies.max(axis=0, initial=0.0)
+    sigmas = columns.bounds(model.noise.coarseness)
+    shown: dict[str, float] = {}
+    for name in effects:
         own = columns.usual(name)
-        bounds = [max(abs(each) for each in p.bounds(model.noise.coarseness)) for p in effect.parameters]
-        sizes = np.minimum(_WORTH_FINDING / np.sqrt(np.maximum(best[own], 1e-300)), bounds)
-        if (sizes * np.sqrt(best[own])).max() < _VISIBLE:
-            unseen.append(name)
-            continue
-        sigmas[name] = 1.0 / np.sqrt(1.0 / sizes**2 + seen[own])
-        odds[name] = 1.0 / math.sqrt(1.0 + float((sizes**2 * seen[own]).max()))
-    share = (_ANOTHER if leading.label else _FIRST) / max(len(odds), 1)
+        sigmas[own] = np.minimum(_WORTH_FINDING / np.sqrt(np.maximum(best[own], 1e-300)), sigmas[own])
+        if (sigmas[own] * np.sqrt(best[own])).max() >= _VISIBLE:
+            shown[name] = float(best[own][0])
+    prior = np.concatenate((model.sigmas, sigmas))
+    odds = _odds(columns, tolerant, prior, leading, [name for name in shown if name not in leading.label])
+    share = (_ANOTHER if leading.label else _FIRST) / max(len(shown), 1)
     hidden = [
-        Explanation(leading.label | {name}, share * each * leading.probability, leading.terms, name)
+        Explanation(leading.label | {name}, min(share * each, 1.0) * leading.probability, leading.terms, name)
         for name, each in odds.items()
-        if name not in leading.label
     ]
     kept = [*named, *(each for each in hidden if each.probability > _LEAST * share)]
     total = sum(each.probability for each in kept)
     normed = tuple(replace(each, probability=each.probability / total) for each in kept)
-    shown = {name: float(best[columns.usual(name)][0]) for name in sigmas}
-    return Outlook(fitted, designs, normed, tuple(unseen), shown, columns, sigmas, made, heat)
+    unseen = tuple(name for name in effects if name not in shown)
+    ready = {
+        (design.key, design.text): own
+        for design, own in zip(designs, grams, strict=True)
+        if design.key not in made
+    }
+    return Outlook(
+        known,
+        designs,
+        normed,
+        unseen,
+        shown,
+        columns,
+        before,
+        tolerant[1:, 1:],
+        prior,
+        acting,
+        made,
+        heat,
+        ready,
+    )
+
+
+def _odds(
+    columns: Columns, recorded: Array, prior: Array, leading: Explanation, names: Sequence[str]
+) -> dict[str, float]:
+    """Return the odds that the recorded runs give for each hidden effect against none beside the leading ones.
+
+    They are those of data in which there is nothing of it. Where nothing is named but the data show it clearly,
+    they are not: what a diagnosis does not name for its other reasons is no less probable for that. Beside named
+    effects the data hold what these effects' formulas miss.
+    """
+    known = columns.indices([columns.place(term.variant) for term in leading.terms])
+    found = {}
+    for name in names:
+        own = np.setdiff1d(columns.indices([columns.usual(name)]), known)
+        as_fitted, without = log_odds(recorded, prior, known, own)
+        shown = not leading.label and 2.0 * (as_fitted - without) > _VISIBLE**2
+        found[name] = math.exp(min(as_fitted if shown else without, _MOST_LOG_ODDS))
+    return found
 
 
 def information_gained(before: Mapping[str, float], after: Mapping[str, float]) -> float:
-    """Return how far the probabilities moved, in nats: the Kullback-Leibler divergence of after from before."""
+    """Return how far the probabilities moved, in nats: the Kullback-Leibler divergence of after from before.
+
+    Names that act together are joined by " + ". What was not held possible before had the probability that
+    one effect, or one and others beside it, have before any run; nothing had less than two together.
+    """
+    count = max(len({one for name in before for one in name.split(" + ")}), 1)
+    first, another = _FIRST / (1.0 + _FIRST) / count, _ANOTHER / count
+
+    def prior(name: str) -> float:
+        fresh = first * another ** name.count(" + ")
+        return max(before.get(name, fresh), first * another)
+
     gained = 0.0
     for label, probability in after.items():
         if probability > _LEAST:
-            gained += probability * math.log(probability / max(before.get(label, 0.0), _LEAST))
+            gained += probability * math.log(probability / prior(label))
     return max(gained, 0.0)
 
 
@@ -245,15 +317,43 @@ class Columns:
         fitted = {id(term.variant): term.variant for each in explanations for term in each.terms}
         return Columns(self._model, self._usual, list(fitted.values()))
 
+    def values(self, terms: Sequence[Term]) -> Array:
+        """Return the coefficients (p,) of some fitted terms."""
+        values = np.zeros(self.count)
+        for term in terms:
+            values[self.place(term.variant)] += np.array(term.values)
+        return values
+
+    def bounds(self, coarseness: float) -> Array:
+        """Return the largest size of each coefficient, (p,)."""
+        every = [parameter for variant in self.variants for parameter in variant.effect.parameters]
+        return np.array([max(map(abs, parameter.bounds(coarseness))) for parameter in every])
+
+    def indices(self, places: Sequence[slice]) -> NDArray[np.int64]:
+        """Return the indices among [nominal, effects' columns] of the nominal ones and those at some places."""
+        q = len(self._model.sigmas)
+        return np.unique(np.concatenate([np.arange(q), *(q + np.arange(p.start, p.stop) for p in places)]))
+
     def gram(self, runs: Sequence[GapRun]) -> Array:
         """Return the whitened columns' products in some runs, (p, p), what the nominal model can imitate out."""
-        q = len(self._model.sigmas)
-        total = np.zeros((1 + q + self.count,) * 2)
+        return reduced(self.products(runs, np.zeros(self.count))[0], self._model.sigmas)[1:, 1:]
+
+    def products(
+        self, runs: Sequence[GapRun], acting: Array, before: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Return products of whitened [data, nominal, effects' columns], and the same on the effects' misfit.
+
+        `acting` (p,): the coefficients of what acts; `before`: the products before. Zero without runs.
+        """
+        cells: list[Cell] = []
         for group in group_runs(runs):
-            stack = stack_of(group, self._model, self.variants)
-            cells = group_cells(group, stack, self._model.noise)
-            total += weighted_gram(cells, np.ones(len(cells)))
-        return reduced(total, self._model.sigmas)[1:, 1:]
+            cells += group_cells(group, stack_of(group, self._model, self.variants), self._model.noise)
+        if not cells:
+            size = 1 + len(self._model.sigmas) + self.count
+            return np.zeros((size, size)), np.zeros((size, size))
+        plain = weighted_gram(cells, np.ones(len(cells)))
+        every = plain if before is None else plain + before
+        return plain, tolerant_gram(cells, every, self._model.sigmas, acting)
 
 
 def usual_variant(effect: Effect) -> Variant:

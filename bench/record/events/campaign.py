@@ -85,7 +85,8 @@ class Sought(Event, kind="sought"):
     """Where a search for the missing effect stands after some runs.
 
     `probabilities` are of what may act ("no gap", or names joined by " + "), `gained_nats` how far they moved
-    with the newest run. `ended` is empty, or how the search ended: decided, undecided, budget.
+    with the newest run. `ended` is empty, or how the search ended: decided, alike (one of the
+    fewest that together have the probability asked for), undecided, budget.
     """
 
     after: list[str]

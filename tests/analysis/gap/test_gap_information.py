@@ -16,14 +16,16 @@ GRAM = COLUMNS.T @ COLUMNS
 
 
 def foretold(probability, mean=(0.0, 0.0), sigmas=(0.0, 0.0)):
-    return Foretold(probability, np.array(mean), np.array(sigmas))
+    return Foretold(probability, np.array(mean), np.diag(sigmas))
 
 
 def sampled_information(explanations, rng, count=40_000):
     """Mutual information of explanation and data, in nats, from draws of both and exact densities."""
     weights = np.array([each.probability for each in explanations])
     densities = [
-        multivariate_normal(COLUMNS @ each.mean, np.eye(3) + (COLUMNS * each.sigmas**2) @ COLUMNS.T, seed=rng)
+        multivariate_normal(
+            COLUMNS @ each.mean, np.eye(3) + (COLUMNS @ each.root) @ (COLUMNS @ each.root).T, seed=rng
+        )
         for each in explanations
     ]
     total = 0.0

@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 
 from bench.analysis.gap import Design, designs_for, information_gained, other_equipment, outlook, read_model
+from bench.analysis.gap._candidates import effects_beside
 from bench.analysis.gap._designs import usual_designs
+from bench.analysis.gap._information import expected_information
+from bench.analysis.gap._model_file import Term
+from bench.analysis.gap._outlook import Columns, Explanation, _odds, usual_variant
 from bench.control.procedure import beyond_limits
 from bench.record.benchfile import load_bench_file
+from simulators.effects import Variant
 
 ROOT = Path(__file__).parents[3]
 BENCH = ROOT / "examples" / "demo.toml"
@@ -28,14 +33,21 @@ def start(designs: list[Design]):
     return outlook(None, MODEL, [], designs)
 
 
-def recorded(design: Design) -> list:
-    """Return a design's stretches as runs of a unit with noise and nothing else."""
+def recorded(design: Design, variant: Variant | None = None, size: float = 0.0) -> list:
+    """Return a design's stretches as runs of a unit with noise, and perhaps an effect of a size."""
     rng = np.random.default_rng(1)
     runs = []
     for run in design.runs():
-        noise = rng.standard_normal(len(run.stimulus)) * 60.0 * MODEL.noise.arw_deg_per_sqrt_h
-        runs.append(replace(run, output_dph=run.stimulus.input_rate_dph + noise))
+        output = rng.standard_normal(len(run.stimulus)) * 60.0 * MODEL.noise.arw_deg_per_sqrt_h
+        if variant is not None:
+            output += size * variant.columns(run.stimulus)[0]
+        runs.append(replace(run, output_dph=run.stimulus.input_rate_dph + output))
     return runs
+
+
+def term(name: str, *values: float) -> Term:
+    """Return an effect in its usual form."""
+    return Term(usual_variant(effects_beside(MODEL)[name]), values, tuple(0.1 * abs(each) for each in values))
 
 
 def test_designs_keep_to_the_limits_and_their_settings_suit_the_procedures(designs):
@@ -76,6 +88,53 @@ def test_a_run_without_a_gap_makes_improbable_what_it_would_have_shown(designs, 
     assert after.information(shock) < 0.5 * start.information(shock)
 
 
+def test_what_the_data_clearly_show_is_no_less_probable_for_having_no_name(designs, start):
+    """A bias over temperature squared, of 3 and of 9 standard deviations in a shock; nothing is diagnosed."""
+    shock = next(each for each in designs if each.procedure == "zero-bias-cold-shock")
+    label, own = frozenset({"bias_quadratic"}), usual_variant(effects_beside(MODEL)["bias_quadratic"])
+    columns = Columns(MODEL, {"bias_quadratic": own})
+    sigmas = math.sqrt(float(columns.gram(shock.runs())[0, 0]))
+    weak, clear, certain = (
+        outlook(None, MODEL, recorded(shock, own, size / sigmas), designs).probabilities
+        for size in (3.0, 9.0, 60.0)
+    )
+    assert weak.get(label, 0.0) < 0.5 * start.probabilities[label] < start.probabilities[label] < clear[label]
+    # no more than as probable as nothing, which is what the diagnosis says
+    assert certain[label] == pytest.approx(certain[frozenset()])
+
+
+def test_what_a_named_effect_imitates_in_the_runs_stays_possible_beside_it(designs):
+    """At one rate of each sign a rate's square is its size; what the temperature does is none of both."""
+    rates = next(
+        each for each in designs if each.text.startswith("1 rates of each sign") and "-40" in each.text
+    )
+    leading = Explanation(frozenset({"scale_factor_asymmetry"}), 1.0, (term("scale_factor_asymmetry", 12.0),))
+    names = ["vibration_rectification", "bias_quadratic"]
+    usual = {name: usual_variant(effects_beside(MODEL)[name]) for name in ("scale_factor_asymmetry", *names)}
+    columns = Columns(MODEL, usual).with_terms([leading])
+    seen = columns.products(recorded(rates), columns.values(()))[0]
+    prior = np.concatenate((np.full(len(MODEL.sigmas), 1e-9), columns.bounds(MODEL.noise.coarseness)))
+    alone = _odds(columns, seen, prior, Explanation(frozenset(), 1.0), names)
+    beside = _odds(columns, seen, prior, leading, names)
+    assert alone["bias_quadratic"] < 0.1 and beside["bias_quadratic"] < 2.0 * alone["bias_quadratic"]
+    assert alone["vibration_rectification"] < 0.1 < 0.3 < beside["vibration_rectification"]
+
+
+def test_a_formula_may_miss_as_much_where_the_nominal_model_could_imitate_the_effect(designs):
+    """At one rate an eccentric encoder is an azimuth error. Runs of both signs have told them apart before."""
+    model = read_model(ROOT / "examples" / "nominal" / "fog_on_its_bench.toml")
+    usual = {"azimuth_error": usual_variant(effects_beside(model)["azimuth_error"])}
+    turns = [each for each in designs if each.procedure == "constant-rotation" and "20 deg/s" in each.text]
+    both, one = (next(each for each in turns if f"{count} reversals" in each.text) for count in (3, 0))
+    columns, acting = Columns(model, usual), np.array([10.0])
+    q = len(model.sigmas)
+    before = columns.products(both.runs(), acting)[0]
+    plain, alone = (each[1 + q, 1 + q] for each in columns.products(one.runs(), acting))
+    after = columns.products(one.runs(), acting, before)[1][1 + q, 1 + q]
+    # the energy of 10 deg in the few cells about the turn's period: 8 / 0.25^2 each, were all of it in one
+    assert 100.0 * after < 8.0 / 0.25**2 * 30.0 < 100.0 * alone < 100.0 * plain
+
+
 def test_a_bench_of_one_axis_cannot_show_what_follows_the_attitude(start):
     assert "acceleration_sensitivity" in start.hidden_from_bench
     turned = next(design for text, design in other_equipment(LATITUDE_DEG) if "two axes" in text)
@@ -89,6 +148,33 @@ def test_information_gained_is_the_divergence_of_after_from_before():
     assert information_gained(before, {"shupe": 1.0}) == pytest.approx(math.log(4.0))
     half = {"shupe": 0.5, "mode_hop": 0.5}
     assert information_gained(before, half) == pytest.approx(math.log(2.0))
+
+
+def test_what_was_not_held_possible_had_the_probability_that_it_has_before_any_run():
+    """Three names: a first has half over three, another beside it a quarter over three."""
+    before = {"no gap": 0.6, "shupe": 0.4, "gradient": 0.0}
+    pair = 0.5 / 3.0 * 0.25 / 3.0
+    assert information_gained(before, {"mode_hop": 1.0}) == pytest.approx(-math.log(0.5 / 3.0))
+    for name in ("shupe + mode_hop", "mode_hop + bias_ramp", "gradient"):
+        assert information_gained(before, {name: 1.0}) == pytest.approx(-math.log(pair))
+    held = before | {"mode_hop + shupe": 0.01}
+    assert information_gained(held, {"mode_hop + shupe": 1.0}) == pytest.approx(math.log(100.0))
+
+
+def test_a_run_before_anything_is_named_is_about_a_second_effect_too(designs, start):
+    """The first as by itself, the second with the odds of another, if a first acts."""
+    run = designs[0]
+    gram = start._grams(run)[1][1:, 1:]
+    first = expected_information(gram, start._predictions)
+    hidden = [each for each in start._predictions if each.probability < 0.4]
+    share = sum(each.probability for each in hidden)
+    none = next(each for each in start._predictions if each.probability > 0.4)
+    odds = [replace(each, probability=0.25 * each.probability / share) for each in hidden]
+    second = expected_information(gram, [replace(none, probability=1.0), *odds])
+    assert start.information(run) == pytest.approx(first + share * second)
+    few = {frozenset(), frozenset({"shupe"})}
+    own = [start._predictions[n] for n, each in enumerate(start.explanations) if each.label in few]
+    assert start.information(run, few) == pytest.approx(expected_information(gram, own))
 
 
 def test_what_happens_while_the_rate_steps_is_not_foretold(designs):

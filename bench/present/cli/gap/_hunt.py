@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _ENDS = {
     "decided": "decided",
+    "alike": "decided: one of several that no run of this bench tells apart",
     "undecided": "undecided: no run that this bench can make would tell more",
     "budget": "the bench time is spent",
 }
@@ -132,7 +133,7 @@ def _answer(state: Sought) -> str:
 
 def _say_end(console: Terminal, search: Hunt, outcome: str, reason: str) -> int:
     """Say how a search ended; return the exit code."""
-    from bench.campaign.hunt import steps_of
+    from bench.campaign.hunt import fewest, steps_of
 
     end, steps = search.end, steps_of(search)
     rows = [
@@ -151,7 +152,8 @@ def _say_end(console: Terminal, search: Hunt, outcome: str, reason: str) -> int:
         console.say_json("result", **facts, folder=str(search.folder.path))
         console.say(f"{reason or outcome}; the same command goes on", style="red")
         return 3
-    elsewhere = search.elsewhere() if end.ended == "undecided" else []
+    known = end.ended in ("decided", "alike")
+    elsewhere = search.elsewhere() if end.ended in ("alike", "undecided") else []
     console.say_json(
         "result",
         **facts,
@@ -164,14 +166,17 @@ def _say_end(console: Terminal, search: Hunt, outcome: str, reason: str) -> int:
     )
     console.say(
         f"{_ENDS[end.ended]}: {_answer(end)}, {end.used_h:.1f} h of bench time",
-        style="green" if end.ended == "decided" else "yellow",
+        style="green" if known else "yellow",
     )
+    if end.ended == "alike":
+        left = fewest(end.probabilities, search.settings.until)
+        console.say("one of " + ", ".join(f"{name} {100.0 * end.probabilities[name]:.0f} %" for name in left))
     if end.ended == "decided" and not end.confirmed:
         console.say("not confirmed: no run that fits into the bench time left would show it again")
     if end.ended == "undecided" and end.confirmed is False:
         console.say("not confirmed: what was fitted did not foretell the runs made to see it again")
     console.say_all(f"this would tell more: {text}" for text in elsewhere)
-    return 0 if end.ended == "decided" else 4
+    return 0 if known else 4
 
 
 def _write_page(report: Path, search: Hunt) -> None:
