@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 Item = TypeVar("Item")
-_COPY = 0.8
+_COPY, _LESS = 0.8, 0.7
+"""Correlation of repeats' changes from which they may be copies; part of a run's noise that their difference has
+then: of two with noise of their own it has 1.4 times as much."""
 _OF_REPEATS, _OF_CONDITIONS = 0.5, 0.9
 """Least part of the longest that a repeat, or another condition, must last to be cut to one length with it."""
 MOST_MISSING = 0.6
@@ -94,22 +96,36 @@ def check_runs(runs: Sequence[GapRun]) -> None:
     refuse_several_units(run.unit_id for run in runs)
     for run in runs:
         _check_run(run)
+    scatters = [_scatter(run.output_dph - run.stimulus.input_rate_dph) for run in runs]
+    quietest = min((each for each in scatters if each > 0.0), default=0.0)
     for group in group_runs(runs):
         for repeats in group.runs:
-            _check_copies(repeats)
+            _check_copies(repeats, quietest)
 
 
-def _check_copies(repeats: Sequence[GapRun]) -> None:
-    """Raise ConfigurationError for repeats with the same noise: their differences would be no floor."""
+def _scatter(error_dph: Array) -> float:
+    """Return the median size of second differences, which slow things hardly move; 0 where none is known."""
+    sizes = np.abs(np.diff(error_dph, 2))
+    known = sizes[np.isfinite(sizes)]
+    return float(np.median(known)) if len(known) else 0.0
+
+
+def _check_copies(repeats: Sequence[GapRun], quietest: float) -> None:
+    """Raise ConfigurationError for repeats with the same noise: their differences would be no floor.
+
+    A large ripple that repeats share makes their changes alike, too, and leaves the noise of both in their
+    difference: at least as much as the `quietest` of all runs has.
+    """
     # signs, so that a few large steps of rate, which repeats share, do not count for more than noise
     errors = [run.output_dph - run.stimulus.input_rate_dph for run in repeats]
     steps = [np.sign(np.nan_to_num(np.diff(error, 2))) for error in errors]
     for index, (run, step) in enumerate(zip(repeats, steps, strict=True)):
-        for other, theirs in zip(repeats[:index], steps[:index], strict=True):
+        for at, (other, theirs) in enumerate(zip(repeats[:index], steps[:index], strict=True)):
             together = float(step @ theirs) / max(
                 float(np.linalg.norm(step) * np.linalg.norm(theirs)), 1e-300
             )
-            if run.run_id == other.run_id or together > _COPY:
+            alike = together > _COPY and _scatter(errors[index] - errors[at]) <= _LESS * quietest
+            if run.run_id == other.run_id or alike:
                 raise ConfigurationError(
                     "two runs hold the same samples",
                     where=f"{other.run_id}, {run.run_id}",

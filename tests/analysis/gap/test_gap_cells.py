@@ -123,6 +123,19 @@ def test_repeats_that_share_some_of_their_noise_are_no_copies(alike: float) -> N
     check_runs(sharing(alike, 4))
 
 
+def test_repeats_that_share_a_ripple_far_above_their_noise_are_no_copies() -> None:
+    """An eccentric encoder's wave has most changes alike; another profile shows what noise the gyro has."""
+    rng = np.random.default_rng(5)
+    s = stimulus(6000)
+    wave = 20.0 * np.sin(2.0 * np.pi * np.arange(6000) / 5.3)
+    shaken = [made_run(name, s, rng, profile="turning") for name in "ab"]
+    shaken = [replace(run, output_dph=run.output_dph + wave) for run in shaken]
+    quiet = made_run("c", s, rng)
+    check_runs([*shaken, quiet])
+    with pytest.raises(ConfigurationError, match="same samples"):
+        check_runs([shaken[0], replace(shaken[0], run_id="d"), quiet])
+
+
 def test_a_run_that_is_too_short_or_too_empty_is_refused() -> None:
     rng = np.random.default_rng(3)
     with pytest.raises(ConfigurationError, match="too short"):
