@@ -16,6 +16,7 @@ import contextlib
 import hashlib
 import json
 import math
+import os
 import random
 import re
 import subprocess
@@ -146,8 +147,9 @@ def _watched(scheduler: Any, nannies: Any, command: Any, kill_every_s: float) ->
 
 def _started(stack: ExitStack, log: Path, what: str, *arguments: str) -> Any:
     own = [sys.executable, "-W", "ignore", "-m", f"distributed.cli.dask_{what}", "--no-dashboard", *arguments]
+    quiet = os.environ | {"DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}  # as docs/scale.md says
     with log.open("w", encoding="utf-8") as stream:
-        process = psutil.Popen(own, stdout=stream, stderr=stream)
+        process = psutil.Popen(own, stdout=stream, stderr=stream, env=quiet)
     stack.callback(_end, process)
     return process
 

@@ -101,6 +101,7 @@ def fan_out(jobs: int | None = None, cluster: str | None = None) -> Iterator[Fan
 @contextmanager
 def _connected(cluster: str, jobs: int | None) -> Iterator[Any]:
     try:
+        import dask
         from distributed import Client, LocalCluster
     except ImportError as error:
         raise ConfigurationError(
@@ -112,6 +113,8 @@ def _connected(cluster: str, jobs: int | None) -> Iterator[Any]:
     if cluster == LOCAL:
         workers = jobs or processors()
         with (
+            # the profiler of workers keeps an hour of call trees, hundreds of MiB each
+            dask.config.set({"distributed.worker.profile.enabled": False}),
             LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as own,
             Client(own, set_as_default=False) as client,
         ):
