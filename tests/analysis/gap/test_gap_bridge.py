@@ -71,3 +71,10 @@ def test_of_white_noise_the_known_part_is_left_in_fast_coefficients_and_more_in_
 
 def test_without_gaps_nothing_is_left_out() -> None:
     assert noise_left(np.zeros(300, dtype=bool), 1.0, WALKING, WALKING) == pytest.approx(np.ones(299))
+
+
+def test_a_gap_of_one_sample_leaves_slow_noise_as_it_is() -> None:
+    """Down to the bin of the lowest coefficient, in which 64 draws count."""
+    missing = np.arange(8000) == 4000
+    noise = Noise(0.01, 0.1, 1.0)
+    assert noise_left(missing, 1.0, noise, noise)[:1000] == pytest.approx(np.ones(1000), abs=3e-3)

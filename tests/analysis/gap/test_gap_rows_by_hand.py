@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from bench.analysis.gap import _channel_run
+from bench.analysis.gap import Model, Noise, _channel_run
 from bench.analysis.gap._channel_data import _case, _inside, _stamps
 from bench.analysis.gap._channel_run import RunSource
 from bench.analysis.gap._data import by_length, cut, good_length, group_runs, interpolated, stand_ins, unseen
 from bench.analysis.gap._import import _phases, read_mapped_runs
 from bench.analysis.gap._log_rows import _finest_step, _in_blocks, finest_angle_deg, held_rows
+from bench.analysis.gap._rate import RateSignal
 from bench.analysis.gap._rows import Steps, _digits, _evened, _odd, true_times
 from bench.analysis.gap._run_folder import _between_polls, _profile
 from bench.record.events.run import AirDemand, ConditioningDemand
@@ -338,6 +339,9 @@ def test_programmes_of_other_lengths_are_groups_of_their_own():
     named = by_length(runs)
     assert [run.profile for run in named] == [run.profile for run in by_length(named)]
     assert [run.run_id for run in named] == [run.run_id for run in runs]
+    # lines are looked for in runs by the profile that their cells have
+    ready = RateSignal().prepare(runs, Model("m", (), Noise(0.004)))
+    assert {run.profile for run in ready.disturbed.runs} == {group.profile for group in ready.data.groups}
 
 
 class Warmed:
