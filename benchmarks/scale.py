@@ -1,4 +1,4 @@
-"""What 1,000 benches and 100,000 runs need, from unit costs measured here: `python -m benchmarks.scale`.
+"""What 1,000 benches and a million runs need, from unit costs measured here: `python -m benchmarks.scale`.
 
 Writes the table of docs/scale.md between its marks; two to three minutes. Times are processor time, which other
 work hardly moves. The paths are those of `growth` and `end_to_end`; models are fitted on nine emulated
@@ -23,7 +23,7 @@ from benchmarks.end_to_end import run_once
 from benchmarks.panel import server_load
 
 _PAGE = Path(__file__).parents[1] / "docs" / "scale.md"
-_RUNS, _BENCHES, _CLUSTER = 100_000, 1000, 16
+_RUNS, _BENCHES, _CLUSTER = 1_000_000, 1000, 16
 _RUN_S, _RATE_HZ, _GYROS, _FRAME_BYTES = 14_000.0, 100.0, 2, 36
 _SAMPLES = _RUN_S * _RATE_HZ
 _RUNS_A_UNIT, _RUNS_A_DIAGNOSIS = 9, 16
@@ -187,7 +187,7 @@ def table(found: Costs) -> str:
         rows.append(
             ("panel", f"{100.0 * found.panel_share:.1f} % of a processor a bench at 10 Hz", "one a bench")
         )
-    head = "| what | processor time of one | 1,000 benches, 100,000 runs |\n|---|---|---|\n"
+    head = "| what | processor time of one | 1,000 benches, a million runs |\n|---|---|---|\n"
     return head + "".join(f"| {what} | {one} | {every} |\n" for what, one, every in rows)
 
 

@@ -21,6 +21,8 @@ _CAUTION = 3.0
 """Log odds against a line, beside the number of windows looked at."""
 _MISFIT_SHARE = 0.1
 """Part of a profile's gap below which a line is taken for an effect's misfit."""
+_WANDERS = 0.05
+"""Part of its frequency within which a line counts as one that is named: a unit over -35 to 80 degC, a beat."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,8 @@ def strongest_line(
     `gaps` holds each profile's energy above the floor under the nominal model: a line that is a small part of
     it may be an effect's misfit. Looked at are the runs of each profile, and those of all profiles of one length:
     what hums in a laboratory does so at one frequency in all of them. Probability is of the strongest of all
-    windows looked at (Sidak). What is left at the alias of a line that is named already, `named_hz`, is none.
+    windows looked at (Sidak). What is left near the alias of a line that is named already, `named_hz`, is none:
+    a line may follow temperature.
     """
     found: list[SpectralLine] = []
     pools = _of_one_length(groups)
@@ -81,8 +84,9 @@ def strongest_line(
         log_p = _log_tail(energy[first:] / ratio[first:], size)
         for line_hz in named_hz:
             cycles = abs((line_hz * period_s + 0.5) % 1.0 - 0.5)
-            own = (round(2.0 * cycles * (residual.shape[1] + 1)) - 1) // _WIDTH - first
-            log_p[max(own - 1, 0) : max(own + 2, 0)] = 0.0
+            own = 2.0 * cycles * (residual.shape[1] + 1) - 1.0
+            low, high = (int(own * (1.0 + part)) // _WIDTH - first for part in (-_WANDERS, _WANDERS))
+            log_p[max(low - 1, 0) : max(high + 2, 0)] = 0.0
         k = int(np.argmin(log_p)) + first
         excess = float(energy[k] - around[k])
         evidence = -float(log_p[k - first]) - math.log(looked_at) - _CAUTION

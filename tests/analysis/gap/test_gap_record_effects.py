@@ -379,3 +379,20 @@ def test_tilt_column_is_the_derivative_of_the_projection() -> None:
     for column, about in zip(columns, ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0)), strict=True):
         expected = float(earth @ np.cross(about, axis)) * math.radians(1.0)
         assert column[5] == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_line_that_follows_temperature_is_one_line_and_nothing_unknown_beside_it(nominal: Model) -> None:
+    """0.08 Hz, and weakly 3 % more where the table moves: there it is not looked for. 9 % is another."""
+    rng = np.random.default_rng(7)
+
+    def humming(name: str, s: Stimulus, hz: float, amplitude_dph: float = 0.05) -> GapRun:
+        run = made_run(name, s, rng, profile=f"{len(s)}")
+        wave = amplitude_dph * np.sin(2.0 * np.pi * hz * np.arange(len(s)) + rng.uniform(0.0, 6.0))
+        return replace(run, output_dph=run.output_dph + wave)
+
+    still = [humming(name, stimulus(9000, cold=False), 0.08, 0.2) for name in "abc"]
+    found = diagnose([*still, *(humming(name, _steps(), 0.0824) for name in "de")], nominal)
+    assert (found.verdict, list(found.rate.stochastic)) == ("explained", ["vibration_or_mains_line"])
+    assert found.rate.unknown_probability < 0.2
+    found = diagnose([*still, *(humming(name, _steps(), 0.0872) for name in "fg")], nominal)
+    assert (found.verdict, list(found.rate.stochastic)) == ("explained in part", ["vibration_or_mains_line"])
