@@ -246,12 +246,13 @@ def rehearse(
     at_once = jobs or processors()
     console.print(f"{_extent(campaign)}, {f'on {cluster}' if cluster else f'{at_once} at a time'}")
     started, done = host_seconds(), itertools.count(1)
+    whole = len(campaign.runs)
     with run_counter(console, "runs") as count:
-        count(0, len(campaign.runs))
+        count(0, whole)
 
         def finished(result: RunResult) -> None:
             say_result(console, result)
-            count(next(done), len(campaign.runs))
+            count(next(done), whole)
 
         # without a cluster the labs have processes of their own, which a signal stops safely
         with fan_out(jobs if cluster else None, cluster) as fan:
