@@ -317,12 +317,12 @@ def test_expected_information_follows_from_the_distances_of_the_predictions():
     rng = np.random.default_rng(6)
     columns = rng.normal(size=(4, 3))
     explanations = [
-        Foretold(0.2, np.array([0.3, 0.0, -0.5]), np.array([0.5, 0.0, 2.0])),
-        Foretold(0.7, np.array([0.0, 0.9, 0.0]), np.array([0.0, 1.0, 0.0])),
-        Foretold(0.6, np.array([-1.0, 0.2, 1.5]), np.zeros(3)),
+        Foretold(0.2, np.array([0.3, 0.0, -0.5]), np.diag([0.5, 0.0, 2.0])),
+        Foretold(0.7, np.array([0.0, 0.9, 0.0]), np.array([[0.0], [1.0], [0.4]])),
+        Foretold(0.6, np.array([-1.0, 0.2, 1.5]), np.zeros((3, 0))),
     ]
     weights = np.array([0.2, 0.7, 0.6]) / 1.5
-    spreads = [np.eye(4) + (columns * each.sigmas**2) @ columns.T for each in explanations]
+    spreads = [np.eye(4) + columns @ each.root @ each.root.T @ columns.T for each in explanations]
     near, farther = np.eye(3), np.eye(3)
     for i in range(3):
         for j in range(3):

@@ -255,8 +255,12 @@ def test_information_gained_is_never_less_than_none():
     before = {"a": 1.0}
     after = {"a": 0.995, **{f"b{k}": 0.0005 for k in range(10)}}
     assert information_gained(before, after) == 0.0
-    assert information_gained({}, {"a": 1.0}) == pytest.approx(math.log(1000.0))
-    assert information_gained({"a": 1e-9}, {"a": 0.5, "b": 0.5}) == pytest.approx(math.log(500.0))
+    # nothing was held possible: that one effect acts had one half, one more beside it a quarter of that
+    assert information_gained({}, {"a": 1.0}) == pytest.approx(math.log(2.0))
+    assert information_gained({}, {"a + b": 1.0}) == pytest.approx(math.log(8.0))
+    # no name had less than two together; of what was not among two names each had a quarter
+    assert information_gained({"a": 1e-9}, {"a": 0.5, "b": 0.5}) == pytest.approx(0.5 * math.log(4.0))
+    assert information_gained({"a": 0.5, "b": 0.5}, {"c": 1.0}) == pytest.approx(math.log(4.0))
 
 
 # positions, demands, verdicts
