@@ -216,9 +216,9 @@ def _bytes_of(run: Path) -> dict[str, str]:
 def _table(
     watched: Watched, elapsed_s: float, workers: int, runs: int, sealed: int, same: int, size_mib: float
 ) -> list[str]:
-    young = [values for values in watched.workers.values() if values[-1][0] - values[0][0] > 2.0 * _YOUNG_S]
-    old = [[(at, mib) for at, mib in values if at - values[0][0] > _YOUNG_S] for values in young]
-    grown = [60.0 * _slope(values) for values in old]
+    lived = [values for values in watched.workers.values() if values[-1][0] - values[0][0] > 2.0 * _YOUNG_S]
+    loaded = [[(at, mib) for at, mib in values if at - values[0][0] > _YOUNG_S] for values in lived]
+    grown = [60.0 * _slope(values) for values in loaded]
     most = max(mib for values in watched.workers.values() for _, mib in values if not math.isnan(mib))
     lines = ["| | |", "|---|---|"]
     lines += [

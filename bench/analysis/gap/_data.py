@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from bench.analysis.gap._simulation import Simulation
 
 T = TypeVar("T")
-Item = TypeVar("Item")
 _COPY, _LESS = 0.8, 0.7
 """Correlation of repeats' changes from which they may be copies; part of a run's noise that their difference has
 then: of two with noise of their own it has 1.4 times as much."""
@@ -96,11 +95,14 @@ def check_runs(runs: Sequence[GapRun]) -> None:
     refuse_several_units(run.unit_id for run in runs)
     for run in runs:
         _check_run(run)
-    scatters = [_scatter(run.output_dph - run.stimulus.input_rate_dph) for run in runs]
-    quietest = min((each for each in scatters if each > 0.0), default=0.0)
+    quietest: dict[float, float] = {}
+    for run in runs:
+        if scatter := _scatter(run.output_dph - run.stimulus.input_rate_dph):
+            period_s = run.stimulus.period_s
+            quietest[period_s] = min(scatter, quietest.get(period_s, scatter))
     for group in group_runs(runs):
         for repeats in group.runs:
-            _check_copies(repeats, quietest)
+            _check_copies(repeats, quietest.get(repeats[0].stimulus.period_s, 0.0))
 
 
 def _scatter(error_dph: Array) -> float:
@@ -114,7 +116,7 @@ def _check_copies(repeats: Sequence[GapRun], quietest: float) -> None:
     """Raise ConfigurationError for repeats with the same noise: their differences would be no floor.
 
     A large ripple that repeats share makes their changes alike, too, and leaves the noise of both in their
-    difference: at least as much as the `quietest` of all runs has.
+    difference: at least as much as the `quietest` run of their period has.
     """
     # signs, so that a few large steps of rate, which repeats share, do not count for more than noise
     errors = [run.output_dph - run.stimulus.input_rate_dph for run in repeats]
@@ -238,12 +240,8 @@ def group_runs(runs: Sequence[GapRun]) -> list[Group]:
 
     Programmes of one profile that differ in length are groups of their own: see `by_length`.
     """
-    groups: dict[tuple[str, float], dict[str, list[GapRun]]] = {}
-    for run in by_length(runs):
-        at = groups.setdefault((run.profile, run.stimulus.period_s), {})
-        at.setdefault(run.condition, []).append(run)
     result = []
-    for (profile, _), by_condition in groups.items():
+    for (profile, _), by_condition in _gathered(by_length(runs)).items():
         count = good_length(min(len(run.stimulus) for each in by_condition.values() for run in each))
         rows = tuple(tuple(cut(run, count) for run in each) for each in by_condition.values())
         result.append(Group(profile, tuple(by_condition), rows))
@@ -256,12 +254,8 @@ def by_length(runs: Sequence[GapRun]) -> list[GapRun]:
     A condition is cut by a tenth at most to the length of others. Its repeats stay together down to half of the
     longest: what differs between them tells the noise.
     """
-    profiles: dict[tuple[str, float], dict[str, list[GapRun]]] = {}
-    for run in runs:
-        at = profiles.setdefault((run.profile, run.stimulus.period_s), {})
-        at.setdefault(run.condition, []).append(run)
     named: dict[int, str] = {}
-    for (profile, period_s), by_condition in profiles.items():
+    for (profile, period_s), by_condition in _gathered(runs).items():
         parts = [part for each in by_condition.values() for part in _split(each, _OF_REPEATS, _samples)]
         alike = _split(parts, _OF_CONDITIONS, lambda part: min(map(_samples, part)))
         for each in alike if len(alike) > 1 else ():
@@ -270,13 +264,22 @@ def by_length(runs: Sequence[GapRun]) -> list[GapRun]:
     return [replace(run, profile=named[id(run)]) if id(run) in named else run for run in runs]
 
 
+def _gathered(runs: Sequence[GapRun]) -> dict[tuple[str, float], dict[str, list[GapRun]]]:
+    """Return the runs by profile and period, and there by condition."""
+    gathered: dict[tuple[str, float], dict[str, list[GapRun]]] = {}
+    for run in runs:
+        by_condition = gathered.setdefault((run.profile, run.stimulus.period_s), {})
+        by_condition.setdefault(run.condition, []).append(run)
+    return gathered
+
+
 def _samples(run: GapRun) -> int:
     return len(run.stimulus)
 
 
-def _split(items: Sequence[Item], least: float, length: Callable[[Item], int]) -> list[list[Item]]:
+def _split(items: Sequence[T], least: float, length: Callable[[T], int]) -> list[list[T]]:
     """Return items in classes, longest first, none shorter than `least` of the longest in its class."""
-    classes: list[list[Item]] = []
+    classes: list[list[T]] = []
     for item in sorted(items, key=length, reverse=True):
         if classes and length(item) >= least * length(classes[-1][0]):
             classes[-1].append(item)

@@ -132,6 +132,12 @@ def test_repeats_that_share_a_ripple_far_above_their_noise_are_no_copies() -> No
     shaken = [replace(run, output_dph=run.output_dph + wave) for run in shaken]
     quiet = made_run("c", s, rng)
     check_runs([*shaken, quiet])
+    slow = replace(quiet, output_dph=0.01 * (quiet.output_dph - s.input_rate_dph) + s.input_rate_dph)
+    slow = replace(slow, run_id="e", stimulus=replace(s, period_s=100.0))
+    with pytest.raises(
+        ConfigurationError, match="same samples"
+    ):  # slower rows have less noise: no measure of these
+        check_runs([*sharing(0.85, 3), slow])
     with pytest.raises(ConfigurationError, match="same samples"):
         check_runs([shaken[0], replace(shaken[0], run_id="d"), quiet])
 
