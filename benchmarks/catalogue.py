@@ -13,6 +13,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
+from datetime import UTC, datetime
 from pathlib import Path
 from time import process_time
 
@@ -24,10 +25,11 @@ from drivers.base.clock import host_seconds
 _BUDGET_S = 0.3
 _NEW_GOAL_S = 1.0
 _REPEATS = 5
+_DURATION_S = 14_000.0
 
 
 def make_runs(runs: Path, count: int) -> None:
-    """Write `count` run folders with manifests of the usual size."""
+    """Write `count` run folders with manifests of the usual size, written when their runs ended."""
     bench = {
         "bench": {"name": "bench 2", "latitude_deg": 39.98},
         "gyro": [{"name": f"g{k}", "text": "x" * 300} for k in range(4)],
@@ -36,18 +38,22 @@ def make_runs(runs: Path, count: int) -> None:
     for number in range(count):
         folder = runs / f"2026{number:08d}-zero-bias-cold-shock"
         folder.mkdir()
+        started = datetime(2010 + number % 17, 1 + number % 12, 1 + number % 28, 8, tzinfo=UTC)
         manifest = {
             "format": 1,
             "run_id": folder.name,
             "procedure": ("zero-bias-cold-shock", "scale-factor-cold-shock", "thermal-ramp")[number % 3],
             "outcome": "completed",
-            "started_utc": f"20{10 + number % 17}-{1 + number % 12:02d}-{1 + number % 28:02d}T08:00:00+00:00",
-            "duration_s": 14_000.0,
+            "started_utc": started.isoformat(),
+            "duration_s": _DURATION_S,
             "units": {"fog_1": f"SN{number % 500}"},
             "bench": bench,
             "files": files,
         }
-        (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+        path = folder / MANIFEST_FILE
+        path.write_text(json.dumps(manifest), encoding="utf-8")
+        ended_s = started.timestamp() + _DURATION_S
+        os.utime(path, (ended_s, ended_s))
 
 
 def rows(count: int | None = None) -> list[Row]:

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -18,7 +18,8 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from bench.present.cli._app import app
-from bench.record.catalogue import Catalogue, root_name
+from bench.record.catalogue import Catalogue, find_runs, root_name
+from bench.record.catalogue import _catalogue as catalogue_module
 from bench.record.catalogue._catalogue import period_s
 from drivers.base.errors import ConfigurationError, RecordError
 
@@ -146,7 +147,7 @@ def test_an_unchanged_folder_is_not_read_again(
     with Catalogue(url) as catalogue:
         assert catalogue.update(runs) == 1
         monkeypatch.setattr(
-            "bench.record.catalogue._catalogue._run_names", lambda runs: pytest.fail("the folder was read")
+            "bench.record.catalogue._catalogue._written_s", lambda runs: pytest.fail("the folder was read")
         )
         assert catalogue.update(runs) == 0
         assert names(catalogue, runs) == ["one"]
@@ -312,3 +313,84 @@ def test_the_command(tmp_path: Path) -> None:
     assert "no runs in" in runner.invoke(app, ["runs", "list", str(tmp_path / "none")]).output
     shown = runner.invoke(app, ["runs", "list", str(runs), "--limit", "1"]).output
     assert "cold-2" in shown and "newest 1 of 2" in shown and not (tmp_path / "none").exists()
+
+
+def made_at(runs: Path, name: str, day: int, written_day: float, **changes: object) -> None:
+    """A run that started on a day of 2026, and a manifest that was written on another."""
+    started = datetime(2026, 1, 1, tzinfo=UTC) + timedelta(days=day)
+    make(runs, name, started_utc=started.isoformat(), **changes)
+    stamp = started.timestamp() + 86_400.0 * (written_day - day) if written_day >= 0 else 0.0
+    os.utime(runs / name / "manifest.json", (stamp, stamp))
+
+
+run_that_came = st.tuples(
+    st.integers(0, 60),  # day of its start
+    st.sampled_from([0.1, 0.1, 3.0, 40.0, -0.5, "lost"]),  # days until its manifest was written, or copied
+    st.sampled_from(["SN1", "SN2"]),
+    st.sampled_from(["completed", "aborted", "running"]),
+)
+
+
+@given(
+    came=st.lists(run_that_came, max_size=25),
+    limit=st.integers(1, 6),
+    unit=st.sampled_from([None, "SN1", "SN3"]),
+    since=st.sampled_from([None, "2026-01-20", "2026-02"]),
+    at_once=st.integers(1, 5),
+)
+@settings(deadline=None, max_examples=60)
+def test_a_list_that_reads_no_more_than_it_shows_is_that_of_all_runs(
+    came: list[tuple[int, float | str, str, str]],
+    limit: int,
+    unit: str | None,
+    since: str | None,
+    at_once: int,
+) -> None:
+    with tempfile.TemporaryDirectory() as scratch, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(catalogue_module, "_AT_ONCE", at_once)
+        runs = Path(scratch) / "runs"
+        runs.mkdir()
+        for number, (day, later, of, outcome) in enumerate(came):
+            written_day = -1.0 if isinstance(later, str) else day + later
+            made_at(runs, f"run-{number:02d}", day, written_day, units={"one": of}, outcome=outcome)
+        wanted = {"root": root_name(runs), "unit": unit, "since": since}
+        with Catalogue(f"sqlite:///{scratch}/all.sqlite") as whole:
+            whole.update(runs)
+            rows, count = whole.find(limit=limit, **wanted)
+        with Catalogue(f"sqlite:///{scratch}/shown.sqlite") as shown:
+            for _ in range(2):
+                unread = shown.update_for(runs, limit=limit, **wanted)
+                found, known = shown.find(limit=limit, **wanted)
+                assert found == rows
+                assert known <= count <= known + unread
+            assert shown.update(runs) >= unread
+            assert shown.find(limit=100, **wanted)[1] == count
+
+
+def test_a_list_leaves_older_manifests_alone_until_they_are_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(catalogue_module, "_AT_ONCE", 10)
+    runs = tmp_path / "runs"
+    for day in range(100):
+        made_at(runs, f"run-{day:02d}", day, day + 0.2)
+    reads: list[int] = []
+    rows, count, unread = find_runs(runs, limit=5, progress=lambda read, of: reads.append(read))
+    assert [row.name for row in rows] == [f"run-{day:02d}" for day in range(99, 94, -1)]
+    assert (reads, count + unread, unread) == ([10], 100, 90)
+    result = CliRunner().invoke(app, ["runs", "list", str(runs), "--limit", "5"])
+    assert "the newest 5 of 100; --limit shows more" in result.output
+    result = CliRunner().invoke(app, ["runs", "list", str(runs), "--limit", "5", "--unit", "SN123"])
+    assert "the newest 5 of 30 or more" in result.output and f"runs index --runs {runs}" in result.output
+    rows, count, unread = find_runs(runs, limit=200)
+    assert (len(rows), count, unread) == (100, 100, 0)
+
+
+def test_time_stamps_of_a_copy_are_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(catalogue_module, "_AT_ONCE", 10)
+    runs = tmp_path / "runs"
+    for day in range(100):  # all of them written on one day, before most of them began
+        made_at(runs, f"run-{(7 * day) % 100:02d}", day, 3.0)
+    rows, count, unread = find_runs(runs, limit=5)
+    assert [row.name for row in rows] == [f"run-{(7 * day) % 100:02d}" for day in range(99, 94, -1)]
+    assert (count, unread) == (100, 0)

@@ -63,13 +63,18 @@ def list_(
         )
     wanted = {"unit": unit, "procedure": procedure, "outcome": outcome, "since": since, "until": until}
     with _bar() as progress:
-        rows, count = find_runs(Path(runs), catalogue, limit=int(limit), progress=progress, **wanted)
+        rows, count, unread = find_runs(Path(runs), catalogue, limit=int(limit), progress=progress, **wanted)
     if json:
         echo(dumps([asdict(row) for row in rows], ensure_ascii=False))
     elif rows:
         _print_table(rows)
-        if count > len(rows):
-            echo(f"the newest {len(rows)} of {count}; --limit shows more")
+        if unread and any(wanted.values()):
+            echo(
+                f"the newest {len(rows)} of {count} or more; --limit shows more; {unread} older runs have not "
+                f"been read yet: `gyrobench runs index --runs {runs}` reads them"
+            )
+        elif count + unread > len(rows):
+            echo(f"the newest {len(rows)} of {count + unread}; --limit shows more")
     elif any(wanted.values()):
         echo("no runs that fit")
     else:

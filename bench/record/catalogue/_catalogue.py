@@ -2,6 +2,9 @@
 
 What a run is does not change once it is closed: a list asks the disk only whether runs came or went (the folder's
 own time stamp says so) and whether those that were going on have ended. `rebuild` reads every folder again.
+
+Where thousands came since, a list takes them in from the manifest that was written last on, and stops where
+no other can be of a run that it shows: no run starts after its manifest was written.
 """
 
 from __future__ import annotations
@@ -9,6 +12,7 @@ from __future__ import annotations
 import calendar
 import datetime
 import json
+import math
 import os
 import re
 import socket
@@ -28,6 +32,10 @@ FOLDER = ".catalogue"
 _AT_ONCE = 2000
 _SETTLED_S = 3.0
 """A folder changed later than this before it was read may change again within one tick of its time stamp."""
+_CLOCKS_S = 86_400.0
+"""So much later than its manifest was written a run may say that it started: clocks differ."""
+_NO_STAMP_S = 946_684_800.0
+"""2000-01-01 UTC. What was written before has lost its time stamp: archives write zeros."""
 _PERIOD = re.compile(r"^(\d{4})(?:-(\d{2})(?:-(\d{2})(?:[T ](\d{2}):(\d{2})(?::(\d{2}))?)?)?)?$")
 _TABLES = (
     """CREATE TABLE IF NOT EXISTS gyrobench_runs (
@@ -35,6 +43,7 @@ _TABLES = (
         bench TEXT NOT NULL, outcome TEXT NOT NULL, reason TEXT NOT NULL, started_s DOUBLE PRECISION NOT NULL,
         duration_s DOUBLE PRECISION, units TEXT NOT NULL, PRIMARY KEY (root, name))""",
     "CREATE INDEX IF NOT EXISTS ix_gyrobench_runs_procedure ON gyrobench_runs (procedure)",
+    "CREATE INDEX IF NOT EXISTS ix_gyrobench_runs_outcome ON gyrobench_runs (root, outcome)",
     "CREATE INDEX IF NOT EXISTS ix_gyrobench_runs_started_s ON gyrobench_runs (started_s)",
     """CREATE TABLE IF NOT EXISTS gyrobench_run_units (
         unit TEXT NOT NULL, root TEXT NOT NULL, name TEXT NOT NULL, PRIMARY KEY (unit, root, name))""",
@@ -111,6 +120,35 @@ class Catalogue:
 
         What was read before an interruption stays.
         """
+        return self._take_in(runs, progress, lambda written_s: False)[0]
+
+    def update_for(
+        self, runs: Path, progress: ReadProgress | None = None, *, limit: int, **wanted: str | None
+    ) -> int:
+        """Take in what `find` needs for the same wishes; return how many runs that may fit are left unread.
+
+        They started before those that `find` returns. Where a run says that it started after its manifest was
+        written, the time stamps are those of a copy, and every manifest is read.
+        """
+        since = wanted.get("since")
+        since_s = -math.inf if since is None else period_s(since)[0]
+
+        def enough(written_s: float) -> bool:
+            if written_s + _CLOCKS_S < since_s:
+                return True
+            rows, _ = self.find(limit=limit, **wanted)
+            return len(rows) == limit and rows[-1].started_s > written_s + _CLOCKS_S
+
+        _, left_s = self._take_in(runs, progress, enough)
+        return sum(written_s + _CLOCKS_S >= since_s for written_s in left_s)
+
+    def _take_in(
+        self, runs: Path, progress: ReadProgress | None, enough: Callable[[float], bool]
+    ) -> tuple[int, list[float]]:
+        """Return how many manifests were read, and when those were written that are left, s since 1970.
+
+        `enough` is asked with the time at which the next one was written, and all others before it.
+        """
         root = root_name(runs)
         changed_ns = _changed_ns(runs)
         with self._database.transaction():
@@ -118,18 +156,34 @@ class Catalogue:
             unchanged = bool(seen) and seen[0][0] == changed_ns
             going_on = self._names(root, "outcome = 'running'")
             kept = going_on if unchanged else self._names(root)
-        there = going_on if unchanged else _run_names(runs)
+        written_s = {} if unchanged else _written_s(runs)
+        written_s |= {name: math.inf for name in going_on if unchanged or name in written_s}
         with self._database.transaction():
-            self._delete(root, sorted(kept - there))
-        new = sorted((there - kept) | (going_on & there))
-        self._read(runs, root, new, progress)
+            self._delete(root, sorted(kept - written_s.keys()))
+        new = sorted(
+            (written_s.keys() - kept) | (going_on & written_s.keys()),
+            key=lambda name: (written_s[name], name),
+            reverse=True,
+        )
+        read, stamps_hold = 0, True
+        while read < len(new):
+            names = new[read : read + _AT_ONCE]
+            rows = self._read(runs, root, names, going_on)
+            read += len(names)
+            stamps_hold = stamps_hold and all(
+                row.started_s <= written_s[row.name] + _CLOCKS_S for row in rows
+            )
+            if progress is not None:
+                progress(read, len(new))
+            if stamps_hold and read < len(new) and enough(written_s[new[read]]):
+                break
         if not unchanged:
-            settled = epoch_seconds() - changed_ns * 1e-9 > _SETTLED_S
+            settled = read == len(new) and epoch_seconds() - changed_ns * 1e-9 > _SETTLED_S
             row = {"root": root, "changed_ns": changed_ns if settled else -1}
             with self._database.transaction():
                 self._database.change("DELETE FROM gyrobench_roots WHERE root = :root", [row])
                 self._insert("gyrobench_roots", [row])
-        return len(new)
+        return read, [written_s[name] for name in new[read:]]
 
     def rebuild(self, runs: Path, progress: ReadProgress | None = None) -> int:
         """Forget what is known of the runs below `runs` and read them all again; return how many there are."""
@@ -194,18 +248,17 @@ class Catalogue:
         )
         return {name for (name,) in found}
 
-    def _read(self, runs: Path, root: str, names: Sequence[str], progress: ReadProgress | None) -> None:
+    def _read(self, runs: Path, root: str, names: Sequence[str], known: set[str]) -> list[CatalogueRow]:
+        """Take in some runs; those `known` stand in the catalogue as they were."""
         place = str(runs)  # text: a `Path` for each run costs more than opening its manifest
-        for start in range(0, len(names), _AT_ONCE):
-            rows = [read_row(place, name, root) for name in names[start : start + _AT_ONCE]]
-            runs_rows = [vars(row) | {"units": json.dumps(row.units, ensure_ascii=False)} for row in rows]
-            units = [{"unit": unit, "root": root, "name": row.name} for row in rows for unit in row.units]
-            with self._database.transaction():
-                self._delete(root, [row.name for row in rows])
-                self._insert("gyrobench_runs", runs_rows)
-                self._insert("gyrobench_run_units", units)
-            if progress is not None:
-                progress(start + len(rows), len(names))
+        rows = [read_row(place, name, root) for name in names]
+        runs_rows = [vars(row) | {"units": json.dumps(row.units, ensure_ascii=False)} for row in rows]
+        units = [{"unit": unit, "root": root, "name": row.name} for row in rows for unit in row.units]
+        with self._database.transaction():
+            self._delete(root, [name for name in names if name in known])
+            self._insert("gyrobench_runs", runs_rows)
+            self._insert("gyrobench_run_units", units)
+        return rows
 
     def _delete(self, root: str, names: Iterable[str]) -> None:
         rows = [{"root": root, "name": name} for name in names]
@@ -221,15 +274,25 @@ class Catalogue:
             )
 
 
-def _run_names(runs: Path) -> set[str]:
-    """Return the folders below `runs` that hold a manifest; a name that no run can have is none."""
+def _written_s(runs: Path) -> dict[str, float]:
+    """Return the folders below `runs` that hold a manifest, and when it was written, s since 1970.
+
+    A name that no run can have is none. A time stamp that was lost is infinite.
+    """
     with os.scandir(runs) as entries:
         folders = [
             entry.name
             for entry in entries
             if not entry.name.startswith(".") and entry.name.isprintable() and entry.is_dir()
         ]
-    return {name for name in folders if os.access(f"{runs}/{name}/{MANIFEST_FILE}", os.F_OK)}
+    found: dict[str, float] = {}
+    for name in folders:
+        try:
+            stamp_s = os.stat(f"{runs}/{name}/{MANIFEST_FILE}").st_mtime  # noqa: PTH116 - a `Path` costs more
+        except OSError:
+            continue
+        found[name] = stamp_s if stamp_s >= _NO_STAMP_S else math.inf
+    return found
 
 
 def _changed_ns(runs: Path) -> int:
@@ -251,18 +314,20 @@ def find_runs(
     limit: int = 100,
     progress: ReadProgress | None = None,
     **wanted: str | None,
-) -> tuple[list[CatalogueRow], int]:
-    """Return the newest `limit` runs that fit `wanted` (see `Catalogue.find`), and how many fit.
+) -> tuple[list[CatalogueRow], int, int]:
+    """Return the newest `limit` runs that fit `wanted` (see `Catalogue.find`), how many fit, how many more may.
+
+    Those that may are older runs whose manifests have not been read yet.
 
     Those of `runs`, whose catalogue lies beside them; with the `url` of a shared catalogue those of every bench.
     """
     local = _local(runs)
     if url is None and not local.exists():
-        return [], 0
+        return [], 0, 0
+    wanted |= {"root": root_name(local) if url is None else None}
     with Catalogue.beside(local) if url is None else Catalogue(url) as catalogue:
-        if local.exists():
-            catalogue.update(local, progress)
-        return catalogue.find(root=root_name(local) if url is None else None, limit=limit, **wanted)
+        unread = catalogue.update_for(local, progress, limit=limit, **wanted) if local.exists() else 0
+        return *catalogue.find(limit=limit, **wanted), unread
 
 
 def index_runs(
