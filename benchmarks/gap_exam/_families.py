@@ -9,6 +9,7 @@ from pathlib import Path
 
 from benchmarks.gap_exam._exam_plant import EXAM_PLANT, make_exam_case, plan_exam_cases
 from benchmarks.gap_exam._floated import FLOATED
+from benchmarks.gap_exam._gas_rate import GAS_RATE
 from benchmarks.gap_exam._hemispherical import HEMISPHERICAL
 from benchmarks.gap_exam._make import Plan, kinds_of, make_case, plan, prepare_folder
 from benchmarks.gap_exam._mems import MEMS
@@ -29,6 +30,7 @@ FAMILIES = {
         FLOATED,
         NUCLEAR,
         TUNING_FORK,
+        GAS_RATE,
         EXAM_PLANT,
     )
 }
