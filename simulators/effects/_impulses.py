@@ -19,11 +19,13 @@ more do than chance has it, and where a few do.
 """
 _CHANCE = 5.7e-7
 """Part of normal samples that are that far off, either way (5 standard deviations)."""
-_HEAVIER = 10.0
-"""How much more often samples of a sound gyro may be that far off than normal ones."""
-_MANY = 1e-5
-"""Probability of as many by chance from which they are impulses."""
+_KINDS = 1.5
+"""All that is beyond a limit to single samples: of pairs alone noise has half as many as of those."""
+_MANY = 1e-4
+"""Probability of as many by chance, with tails as heavy as the record's own, from which they are impulses."""
 _STEADY_DPS = 0.02
+_REACH = 5
+"""How far away the samples are that one is held against, at most; the one next to it may hold a part of it."""
 _NEAR = 41
 _STAYS = 0.5
 """Part of an impulse's angle that must stay, in the median."""
@@ -39,11 +41,14 @@ def _find(records: Sequence[Record]) -> Finding | None:
     """Find how many there are and how large they are; the samples that hold them go missing."""
     from scipy.stats import poisson  # here: a lab starts without scipy (decision 0021)
 
-    found = [_impulses(record, _OUTLIER) for record in records]
-    number = sum(len(angles_arcsec) for _, angles_arcsec, _ in found)
-    chance = 2.0 * _HEAVIER * _CHANCE * sum(len(record.stimulus) for record in records)
-    if poisson.sf(number - 1, chance) > _MANY:
-        found = [_impulses(record, _FAR) for record in records]
+    off = [_off_neighbours(record) for record in records]
+    number = sum(np.count_nonzero(_tops(sigmas) > _OUTLIER) for sigmas, _ in off)
+    beyond = [sum(np.count_nonzero(sigmas[0] > level) for sigmas, _ in off) for level in (2.0, 3.0)]
+    # from sigma to sigma tails fall by no less than the time before, heavy ones too
+    tail = beyond[1] * (beyond[1] / max(beyond[0], 1)) ** (_OUTLIER - 3.0)
+    chance = _KINDS * max(tail, _CHANCE * sum(len(record.stimulus) for record in records))
+    least = _FAR if poisson.sf(number - 1, chance) > _MANY else _OUTLIER
+    found = [_impulses(record, *each, least) for record, each in zip(records, off, strict=True)]
     outputs: list[Array] = []
     sizes: list[float] = []
     places_s: list[Array] = []
@@ -108,38 +113,75 @@ def _come_again(records: Sequence[Record], places_s: Sequence[Array]) -> bool:
     return again > chance + max(0.5 * number, 3.0)
 
 
-def _impulses(record: Record, off: float) -> tuple[NDArray[np.int64], list[float], list[float]]:
-    """Return the samples that hold impulses, the angle of each in arcsec (deg/h times s), and what of it stays.
+def _off_neighbours(record: Record) -> tuple[Array, Array]:
+    """Return how far each sample, and each with the next one, is off those about it, in sigmas and deg/h, (2, n).
 
-    One or two samples that are `off` the mean of their neighbours by so many standard deviations, where the table
-    turns steadily. What stays is the part that the samples next to them do not take back.
+    0 sigmas where the table does not turn steadily.
     """
     rest = record.output_dph - record.stimulus.input_rate_dph
     n = len(rest)
-    if n < 8:
-        return np.zeros(0, dtype=np.int64), [], []
-    rate = record.stimulus.table_rate_dps
-    level = record.stimulus.elevation_deg
-    # two samples on either side with the table's rate the same
+    if n < 4 * _REACH:
+        return np.zeros((2, n)), np.zeros((2, n))
+    # all neighbours with the table's rate the same
     still = np.ones(n, dtype=bool)
-    for values, least in ((rate, _STEADY_DPS), (level, 0.01)):
-        low = np.min([np.roll(values, k) for k in range(-3, 4)], axis=0)
-        high = np.max([np.roll(values, k) for k in range(-3, 4)], axis=0)
-        still &= high - low < least
-    still[:3] = still[-3:] = False
-    one = rest - 0.5 * (np.roll(rest, 1) + np.roll(rest, -1))
-    two = 0.5 * (rest + np.roll(rest, -1)) - 0.5 * (np.roll(rest, 1) + np.roll(rest, -2))
+    for values, least in (
+        (record.stimulus.table_rate_dps, _STEADY_DPS),
+        (record.stimulus.elevation_deg, 0.01),
+    ):
+        near = [np.roll(values, k) for k in range(-_REACH - 1, _REACH + 2)]
+        still &= np.max(near, axis=0) - np.min(near, axis=0) < least
+    still[: _REACH + 1] = still[-_REACH - 1 :] = False
+    means = (rest, 0.5 * (rest + np.roll(rest, -1)))
+    off = np.stack([_off(own, rest, width) for width, own in enumerate(means, start=1)])
+    return np.abs(np.stack([_scaled(own, still) for own in off])), off
+
+
+def _off(values: Array, rest: Array, width: int) -> Array:
+    """Return by how much `values`, means of `width` samples from each on, are off the samples about them, (n,).
+
+    A mean of eight is quiet: against the two next to it an impulse would have to be a fifth larger to stand out
+    of white noise; those hold a part of it and are left out. 0 where both sides are apart by more: there the
+    level steps. NaN where half of the eight are missing.
+    """
+    known = np.isfinite(rest)
+    filled = np.where(known, rest, 0.0)
+    sides = [range(-_REACH, -1), range(width + 1, width + _REACH)]
+    counts = [np.sum([np.roll(known, -k) for k in side], axis=0) for side in sides]
+    totals = [np.sum([np.roll(filled, -k) for k in side], axis=0) for side in sides]
+    count = counts[0] + counts[1]
+    off = np.where(count >= _REACH, values - (totals[0] + totals[1]) / np.maximum(count, 1), np.nan)
+    left, right = (total / np.maximum(own, 1) for total, own in zip(totals, counts, strict=True))
+    steps = (np.minimum(*counts) > 0) & (np.abs(left - right) > np.abs(off))
+    return np.asarray(np.where(steps, 0.0, off))
+
+
+def _tops(off: Array) -> Array:
+    """Return how far off each sample is that is farther off than those about it, (m,)."""
+    from scipy.ndimage import maximum_filter1d  # here: a lab starts without scipy (decision 0021)
+
+    most = off.max(axis=0, initial=0.0)
+    return np.asarray(most[most == maximum_filter1d(most, 7)])
+
+
+def _impulses(
+    record: Record, sigmas: Array, off: Array, least: float
+) -> tuple[NDArray[np.int64], list[float], list[float]]:
+    """Return the samples that hold impulses, the angle of each in arcsec (deg/h times s), and what of it stays.
+
+    One or two samples that are `off` by at `least` so many standard deviations, `sigmas`. What stays is the part
+    that the samples next to them do not take back.
+    """
+    rest = record.output_dph - record.stimulus.input_rate_dph
     marks: list[int] = []
     taken: list[float] = []
     stays: list[float] = []
-    left = np.abs(np.stack([_scaled(one, still), _scaled(two, still)]))
-    while True:
-        kind, k = np.unravel_index(int(np.nanargmax(left)), left.shape)
-        if not left[kind, k] > off or len(taken) > n // 50:
+    left = sigmas.copy()
+    while left.size:
+        kind, k = np.unravel_index(int(left.argmax()), left.shape)
+        if not left[kind, k] > least or len(taken) > len(rest) // 50:
             break
         own = [int(k)] if kind == 0 else [int(k), int(k) + 1]
-        size = float(one[k]) if kind == 0 else 2.0 * float(two[k])
-        taken.append(size * record.stimulus.period_s)
+        taken.append(len(own) * float(off[kind, k]) * record.stimulus.period_s)
         marks += own
         stays.append(_stays(rest, own))
         left[:, max(own[0] - 3, 0) : own[-1] + 4] = 0.0

@@ -10,17 +10,22 @@ from simulators.effects._stimulus import REFERENCE_C, Stimulus
 
 
 def _mode_hop(s: Stimulus, shape: Shape) -> Array:
-    warm_k = s.lagged(s.warm_k, shape["lag_s"])
-    return np.asarray(0.5 * np.tanh((warm_k + REFERENCE_C - shape["at_c"]) / shape["width_k"]))
+    """What hops has its own temperature: late, or nearer to the case; back it hops `loop_k` below."""
+    part = shape.get("toward_case", 0.0)
+    warm_k = s.lagged(s.warm_k - part * s.gradient_k if part else s.warm_k, shape["lag_s"])
+    pushed_k = warm_k + s.slack(warm_k, 0.5 * shape.get("loop_k", 0.0))
+    return np.asarray(0.5 * np.tanh((pushed_k + REFERENCE_C - shape["at_c"]) / shape["width_k"]))
 
 
 def _grid(low_c: float, high_c: float) -> tuple[Shape, ...]:
-    return tuple(
-        {"at_c": at, "lag_s": lag, "width_k": width}
+    sharp = {"lag_s": 0.0, "width_k": 0.1}
+    forms = [
+        {"lag_s": lag, "width_k": width, "loop_k": 0.0, "toward_case": 0.0}
         for lag in (0.0, 300.0)
-        for at in np.arange(low_c, high_c, _APART_K).tolist()
         for width in (0.8, 2.5)
-    )
+    ]
+    forms += [sharp | {"loop_k": 3.0, "toward_case": 0.0}, sharp | {"loop_k": 0.0, "toward_case": 1.0}]
+    return tuple({"at_c": at} | form for at in np.arange(low_c, high_c, _APART_K).tolist() for form in forms)
 
 
 def _over_the_records(rates: SlowRates) -> tuple[Shape, ...]:

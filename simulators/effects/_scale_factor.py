@@ -4,10 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from simulators.effects._effect import PPM, Curve, Effect, Input, Parameter
+from drivers.base.arrays import Array
+from simulators.effects._effect import PPM, Curve, Effect, Input, Parameter, Shape
+from simulators.effects._stimulus import Stimulus
 from simulators.effects._thermal import RELAXATIONS, behind, power
 
 _AT_DPS = 100.0
+
+
+def _late(s: Stimulus, shape: Shape) -> Array:
+    """Where the model has no static dependence, what comes late has all of it; else what passes is left."""
+    return s.lagged(s.warm_k, shape["lag_s"]) if shape.get("static", 0.0) else behind(s, shape)
+
 
 SCALE_FACTOR_OVER_TEMPERATURE = (
     Effect(
@@ -35,13 +43,14 @@ SCALE_FACTOR_OVER_TEMPERATURE = (
     Effect(
         "scale_factor_lag",
         (Parameter("sf_ppm_per_k", -500.0, 500.0, PPM.per("K")),),
-        behind,
+        _late,
         Input.T_IN | Input.HISTORY,
-        "rate times T_in less its slow follower",
+        "rate times T_in's slow follower, or T_in less it",
         "scale-factor hysteresis over a cycle",
         "Scale factor follows the temperature late.",
-        ({"lag_s": 300.0}, *RELAXATIONS),
+        tuple({**lag, "static": static} for static in (0.0, 1.0) for lag in ({"lag_s": 300.0}, *RELAXATIONS)),
         unit=PPM,
+        whole=("static",),
     ),
 )
 SCALE_FACTOR_OVER_RATE = (

@@ -132,6 +132,8 @@ class Stimulus:
 
         Of every tenth sample (Visintin 1994, ch. III), interpolated: what it follows is slow.
         """
+        if half_width <= 0.0:
+            return np.zeros(len(values))
         few = values[::10]
         every = np.arange(len(values), dtype=np.float64)
         return np.asarray(np.interp(every, every[::10], play(few, half_width) - few))

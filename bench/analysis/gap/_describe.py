@@ -12,6 +12,7 @@ from scipy.fft import idct
 from bench.analysis.gap._findings import SIGNIFICANT, Place
 from bench.analysis.gap._fit import Solution
 from bench.analysis.gap._generic import INPUTS, FreeCurve
+from bench.analysis.gap._jumps import Jumps
 from bench.analysis.gap._lines import SpectralLine
 from bench.analysis.gap._model_file import Term
 from bench.analysis.gap._noise import Noise, power_of
@@ -91,6 +92,17 @@ def _differing_part(noise: Noise, run_id: str, at_s: float) -> UnknownPart:
     return UnknownPart("the repeat", sentence)
 
 
+def _jumping_part(jumps: Jumps) -> UnknownPart:
+    """Describe what steps in one repeat and not in another."""
+    others = f", {jumps.number} such steps in all" if jumps.number > 1 else ""
+    sentence = (
+        f"It steps in one repeat and not in the other: by {jumps.size_dph:.3g} deg/h in {jumps.run_id} about "
+        f"{jumps.at_s / 60.0:.0f} min after its start{others}. Look for what has two states: a contact, a crack, "
+        "a trim or a loop that latches, telegraph noise."
+    )
+    return UnknownPart("the repeat", sentence)
+
+
 def shaken_part(noise: Noise, finest_arcsec: float) -> UnknownPart:
     """Describe noise that has quantisation's spectrum and not its steps."""
     sentence = (
@@ -142,9 +154,11 @@ def unknown_parts(
     return parts
 
 
-def differing_parts(data: Prepared, solution: Solution) -> list[UnknownPart]:
-    """Say how repeats differ beyond noise: how much, how slowly, and in which run most."""
-    noise = data.noise.noise
+def differing_parts(data: Prepared, solution: Solution, jumps: Jumps | None = None) -> list[UnknownPart]:
+    """Say how repeats differ beyond noise: how much, how slowly, and in which run most; where they jump."""
+    parts, noise = [] if jumps is None else [_jumping_part(jumps)], data.noise.noise
+    if data.noise.differs <= 0.5:
+        return parts
     most, run_id, at_s = 0.0, "", 0.0
     for group, left in zip(data.groups, left_of_runs(data, solution), strict=True):
         if len(group.flat) == len(group.runs):
@@ -162,4 +176,4 @@ def differing_parts(data: Prepared, solution: Solution) -> list[UnknownPart]:
         if abs(apart[run, sample]) > most:
             most, run_id = float(abs(apart[run, sample])), group.flat[run].run_id
             at_s = float(sample * period_s)
-    return [_differing_part(noise, run_id, at_s)]
+    return [*parts, _differing_part(noise, run_id, at_s)]

@@ -18,6 +18,7 @@ from bench.analysis.gap._describe import UnknownPart, differing_parts, shaken_pa
 from bench.analysis.gap._disturbed import Disturbed, lines_hz, without_disturbances
 from bench.analysis.gap._findings import Cause, Finding, Place
 from bench.analysis.gap._fit import Floor, Solution, nominal_solution
+from bench.analysis.gap._jumps import find_jumps
 from bench.analysis.gap._learn import Learned, learned
 from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._noise import Noise
@@ -36,6 +37,8 @@ _LEAST_HELD = 0.5
 """Part of what a cause adds that held-out runs, or each repeat, must show for its name to stand."""
 _DIFFERS = 0.5
 """Probability that repeats differ by more than noise from which each must show a cause."""
+_JUMPS = 0.95
+"""Probability that repeats differ where one of them jumps: as high as any that is stated."""
 _QUANTISATION, _FINER = EFFECT_OF["quantum_arcsec"], 0.2
 """Finest step in a log over a quantum up to which that is not the quantum of what was logged."""
 _LONG_S = 3600.0
@@ -130,7 +133,11 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         best, ready, disturbed, runs = found.best, found.data, data.disturbed, data.disturbed.runs
         causes, resembles = causes_of(found, variants, data.model)
         weights = set_weights(found.judged)
-        differs = ready.noise.differs
+        jumps = find_jumps(ready, best.solution)
+        differs = max(ready.noise.differs, _JUMPS if jumps else 0.0)
+        line = found.line if best.line else None
+        # where a line comes with another phase in each repeat, that is how they differ
+        humming = line is not None and jumps is None and line.amplitude_dph > ready.noise.noise.correlated_dph
         unnamed = sum(both[1] for both in weights.values())
         shaken = _shaken(ready.noise, runs)
         unknown = 1.0 - (1.0 - unnamed) * (1.0 - differs) * (1.0 - shaken)
@@ -186,7 +193,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
             unidentifiable=found.hidden,
             unknown_parts=(
                 *(unknown_parts(found, variants, left, active) if unknown > 0.5 else ()),
-                *(differing_parts(ready, best.solution) if differs > 0.5 and not best.line else ()),
+                *(differing_parts(ready, best.solution, jumps) if differs > 0.5 and not humming else ()),
                 *([shaken_part(ready.noise.noise, _finest_arcsec(runs))] if shaken > 0.5 else ()),
             ),
             latitude_deg=runs[0].stimulus.latitude_deg,

@@ -18,10 +18,12 @@ from simulators.effects import Effect, Variant
 
 _KEPT = 3
 """Grid points of each effect that are kept for the second look."""
-_STEPS = 4
+_STEPS = 12
+_GAIN = 0.5
+"""Chi-square that a step has to gain: less says nothing of where a shape is."""
 _QUOTIENT = 0.05
 """Part of the distance between grid points over which a slope is taken."""
-_SHORTER = (1.0, 0.3)
+_SHORTER = (1.0, 0.3, 0.1, 0.03)
 Gram = Callable[[Sequence[Variant]], Array]
 """Weighted products of [data, nominal columns, variants' columns], nominal columns projected out."""
 
@@ -70,13 +72,11 @@ def between_grid_points(variants: Sequence[Variant], gram: Gram) -> list[Variant
             moved = [_moved(each, move, part) for each, move in zip(now, moves, strict=True)]
             system = gram(moved)
             left = _left(system, range(1, len(system)))
-            if left < cost:
+            if left < cost - _GAIN:
                 break
         else:
             break
-        gained, cost, now = cost - left, left, moved
-        if gained < 0.5:
-            break
+        cost, now = left, moved
     return now
 
 
@@ -105,12 +105,20 @@ def _moves(now: Sequence[Variant], gram: Gram) -> list[Mapping[str, float]]:
         combine[int(starts[-1]) + index, at : at + sizes[k]] = -own / max(width, 1e-12)
         combine[int(starts[-1]) + index, at + sizes[k] : at + 2 * sizes[k]] = own / max(width, 1e-12)
         at += 2 * sizes[k]
-    found = _solved(combine @ system @ combine.T, range(1, len(combine)))[int(starts[-1]) - 1 :]
+    limits = [_limits(now[k], key, steps[k][key]) for k, key in keys]
+    low = np.array([-np.inf] * (int(starts[-1]) - 1) + [low for low, _ in limits])
+    high = np.array([np.inf] * (int(starts[-1]) - 1) + [high for _, high in limits])
+    found = _solved_within(combine @ system @ combine.T, low, high)[int(starts[-1]) - 1 :]
     result: list[dict[str, float]] = [{} for _ in now]
     for (k, key), move in zip(keys, found.tolist(), strict=True):
-        limit = steps[k][key]
-        result[k][key] = min(max(move, -limit), limit)
+        result[k][key] = move
     return list(result)
+
+
+def _limits(variant: Variant, key: str, step: float) -> tuple[float, float]:
+    """Return how far a shape may move down and up at once: by its grid's spacing, inside the grid."""
+    grid, at = _grids(variant.effect)[key], float(variant.shape[key])
+    return max(-step, grid[0] - at), min(step, grid[-1] - at)
 
 
 def _spacing(variant: Variant) -> dict[str, float]:
@@ -144,6 +152,27 @@ def _solved(system: Array, at: Sequence[int]) -> Array:
     scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
     normal = inner / np.outer(scale, scale) + 1e-6 * np.eye(len(scale))
     return np.asarray(np.linalg.solve(normal, system[np.array(at), 0] / scale) / scale)
+
+
+def _solved_within(system: Array, low: Array, high: Array) -> Array:
+    """Return the values between two bounds that leave least, (k,); `system` (1 + k, 1 + k) has the data first.
+
+    Bounded-variable least squares (Stark and Parker, Comput. Stat. 10, 1995) of a root of the products. What
+    rounding leaves of a column that does nothing stays 0.
+    """
+    from scipy.optimize import lsq_linear
+
+    squares = np.diag(system)[1:]
+    free = (low < high) & (squares > 0.0)
+    values = np.zeros(len(squares))
+    scale = np.sqrt(squares[free])
+    at = 1 + np.flatnonzero(free)
+    powers, ways = np.linalg.eigh(system[np.ix_(at, at)] / np.outer(scale, scale))
+    root = np.sqrt(np.maximum(powers, 0.0) + 1e-6)
+    target = ways.T @ (system[at, 0] / scale) / root
+    inside = lsq_linear(root[:, None] * ways.T, target, (low[free] * scale, high[free] * scale), "bvls")
+    values[free] = np.clip(inside.x / scale, low[free], high[free])
+    return values
 
 
 def _left(system: Array, at: Sequence[int]) -> float:

@@ -148,6 +148,51 @@ def test_a_mode_hop_is_looked_for_at_every_temperature_of_the_runs(at_c: float) 
     assert not propose(SlowRates(none, none, none.astype(np.int64), [(flat, np.zeros(4000))]))
 
 
+def test_a_mode_hop_back_is_later_by_its_loop() -> None:
+    """A relay with two thresholds, sample by sample (Visintin, Models of Hysteresis, 1994, ch. IV)."""
+    n, at_c, loop_k = 40_000, 7.0, 3.0
+    time_s = np.arange(1.0, n + 1.0)
+    t_in_c = 7.0 + 9.0 * np.sin(2.0 * math.pi * time_s / 16_000.0) * np.linspace(1.0, 0.1, n)
+    s = Stimulus(time_s, t_in_c, t_in_c, np.zeros(n + 1), np.zeros(n), 39.1)
+    over, expected = t_in_c[0] > at_c, np.empty(n)
+    for k, now_c in enumerate(t_in_c):
+        over = now_c > at_c - 0.5 * loop_k if over else now_c > at_c + 0.5 * loop_k
+        expected[k] = 0.5 if over else -0.5
+    shape = {"at_c": at_c, "lag_s": 0.0, "width_k": 0.02, "loop_k": loop_k, "toward_case": 0.0}
+    column = effect("mode_hop").columns(s, shape)[0]
+    assert np.count_nonzero(np.diff(expected)) == 4
+    assert np.mean(np.abs(column - expected) > 0.05) < 0.01
+    without = effect("mode_hop").columns(s, shape | {"loop_k": 0.0})[0]
+    assert np.mean(np.abs(without - expected) > 0.5) > 0.1
+
+
+def test_what_hops_may_be_nearer_to_the_case() -> None:
+    s = stimulus(12_000)
+    shape = {"at_c": -5.0, "lag_s": 0.0, "width_k": 0.01, "loop_k": 0.0}
+    for part in (0.0, 0.4, 1.0):
+        place_c = s.warm_k + 25.0 - part * s.gradient_k
+        column = effect("mode_hop").columns(s, shape | {"toward_case": part})[0]
+        assert np.mean(np.sign(column) != np.sign(place_c + 5.0)) < 1e-3
+    assert effect("mode_hop").columns(s, shape)[0] == pytest.approx(
+        effect("mode_hop").columns(s, shape | {"toward_case": 0.0})[0]
+    )
+
+
+def test_a_scale_factor_that_comes_late_has_all_of_it_or_what_passes() -> None:
+    """After a step of T_in at the middle the late part comes as 1 - exp(-t / lag)."""
+    n, lag_s = 6_000, 500.0
+    t_in_c = np.where(np.arange(n) < n // 2, 25.0, 35.0)
+    s = Stimulus(np.arange(1.0, n + 1.0), t_in_c, t_in_c, 20.0 * np.arange(n + 1.0), np.full(n, 90.0), 39.1)
+    late = effect("scale_factor_lag")
+    came_k = 10.0 * (1.0 - np.exp(-np.maximum(np.arange(n) - n // 2, 0.0) / lag_s))
+    for static, expected_k in ((1.0, came_k), (0.0, t_in_c - 25.0 - came_k)):
+        ppm_k = late.columns(s, {"lag_s": lag_s, "static": static})[0] / (1e-6 * s.input_rate_dph)
+        assert np.abs(ppm_k - expected_k)[np.abs(np.arange(n) - n // 2) > 60].max() < 0.05
+    assert late.columns(s, {"lag_s": lag_s})[0] == pytest.approx(
+        late.columns(s, {"lag_s": lag_s, "static": 0.0})[0]
+    )
+
+
 def test_earth_rate_constant() -> None:
     assert pytest.approx(math.degrees(7.292115e-5) * 3600.0, rel=1e-7) == EARTH_RATE_DPH
 

@@ -98,7 +98,7 @@ def test_a_cause_that_needs_a_curve_beside_it_is_none(nominal: Model) -> None:
     for name, rates_dps in rates.items():
         for repeat in range(3):
             s = _turning(4000, rates_dps, cold=True)
-            scale = 40e-6 * np.sin(s.t_in_c / 9.0) * np.exp(-s.time_s / 2000.0)
+            scale = 40e-6 * np.sin(s.t_in_c / 13.0 + 1.5) * np.exp(-s.time_s / 2000.0)
             runs.append(made_run(f"{name} {repeat}", s, rng, scale * s.input_rate_dph, profile=name))
     held_out = runs[2::3]
     found = diagnose([run for run in runs if run not in held_out], nominal, held_out).rate

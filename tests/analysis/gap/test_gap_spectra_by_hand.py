@@ -202,7 +202,7 @@ def test_the_repeat_that_differs_is_told_with_its_time_by_what_changes_slowly(pe
 
     def data(*groups):
         stacks = [stacked(each.flat, lambda run: [run.output_dph[None]], [False], noise) for each in groups]
-        return SimpleNamespace(groups=groups, stacks=stacks, noise=SimpleNamespace(noise=noise))
+        return SimpleNamespace(groups=groups, stacks=stacks, noise=SimpleNamespace(noise=noise, differs=1.0))
 
     nothing = Solution(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 0)))
     for groups in ([group], [alone, group], [group, alone]):

@@ -1,0 +1,107 @@
+"""Jumps: what steps in one repeat of a run and not in another, too sharp for any noise of a gyro.
+
+A random walk has the spectrum of a level that steps now and then; in time they are unlike. Its differences from
+block to block are normal, those of a level that steps are nothing but now and then.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.fft import idct
+from scipy.ndimage import median_filter
+
+from bench.analysis.gap._fit import Solution
+from bench.analysis.gap._noise import power_of
+from bench.analysis.gap._prepare import Prepared
+from bench.analysis.gap._which import left_of_runs
+from drivers.base.arrays import Array
+
+_BLOCKS_S = (20.0, 60.0, 200.0)
+_LEVEL = 3
+"""Blocks before and after a jump, whose means are its levels; one block between them holds it."""
+_SHARP = 6.5
+"""Standard deviations: 8e-11 of normal differences, and there are some ten thousand of them in a campaign."""
+_NEAR = 61
+"""Blocks about a difference that say how large differences are there: repeats differ more where it warms."""
+
+
+@dataclass(frozen=True)
+class Jumps:
+    """How many jumps there are, and the sharpest: in which run, how long after its start, by how much."""
+
+    number: int
+    run_id: str
+    at_s: float
+    size_dph: float
+
+
+def find_jumps(data: Prepared, solution: Solution) -> Jumps | None:
+    """Return the jumps in what a solution leaves of runs that have repeats; None where there are none."""
+    number, sharpest, result = 0, _SHARP, None
+    for group, left in zip(data.groups, left_of_runs(data, solution), strict=True):
+        if len(group.flat) == len(group.runs):
+            continue
+        period_s, n = group.flat[0].stimulus.period_s, left.shape[1] + 1
+        coefficients = np.zeros((len(left), n))
+        coefficients[:, 1:] = left * np.sqrt(power_of(data.noise.noise, n, period_s))
+        curves = idct(coefficients, norm="ortho", axis=-1)
+        first = 0
+        for repeats in group.runs:
+            own = curves[first : first + len(repeats)]
+            first += len(repeats)
+            if len(repeats) == 1:
+                continue
+            places = _places_s(own - own.mean(axis=0), period_s)
+            number += len(places)
+            for ratio, at_s, width_s in places:
+                if ratio > sharpest:
+                    sizes = _steps(own, max(1, round(width_s / period_s)), round(at_s / period_s))
+                    run = int(np.abs(sizes).argmax())
+                    sharpest, result = ratio, (repeats[run].run_id, at_s, float(sizes[run]))
+    return None if result is None else Jumps(number, *result)
+
+
+def _places_s(apart: Array, period_s: float) -> list[tuple[float, float, float]]:
+    """Return sharpness, place and length of blocks, s, of each jump in repeats (m, n) less their mean.
+
+    The sharpest first; where blocks of several lengths show the same one, it is the sharpest of them.
+    """
+    found: list[tuple[float, float, float]] = []
+    for length_s in _BLOCKS_S:
+        width = max(1, round(length_s / period_s))
+        if apart.shape[1] // width < 8 * _LEVEL:
+            continue
+        steps = np.abs(_differences(apart, width))
+        near = median_filter(steps, (1, _NEAR), mode="reflect")
+        usual = np.maximum(np.median(steps, axis=1, keepdims=True), near) / 0.6745
+        ratio = (steps / np.maximum(usual, 1e-300)).max(axis=0)
+        block_s = width * period_s
+        found += [
+            (float(ratio[k]), (k + _LEVEL + 0.5) * block_s, block_s)
+            for k in np.flatnonzero(ratio > _SHARP).tolist()
+        ]
+    kept: list[tuple[float, float, float]] = []
+    for ratio, at_s, length_s in sorted(found, reverse=True):
+        if all(abs(at_s - other_s) > (_LEVEL + 1) * max(length_s, own_s) for _, other_s, own_s in kept):
+            kept.append((ratio, at_s, length_s))
+    return kept
+
+
+def _differences(curves: Array, width: int) -> Array:
+    """Return the level after each block of `width` samples less the level before it, (m, blocks - 6)."""
+    blocks = curves.shape[1] // width
+    means = curves[:, : blocks * width].reshape(len(curves), blocks, width).mean(axis=2)
+    total = np.concatenate((np.zeros((len(means), 1)), np.cumsum(means, axis=1)), axis=1)
+    before = total[:, _LEVEL : -_LEVEL - 1] - total[:, : -2 * _LEVEL - 1]
+    after = total[:, 2 * _LEVEL + 1 :] - total[:, _LEVEL + 1 : -_LEVEL]
+    return np.asarray((after - before) / _LEVEL)
+
+
+def _steps(curves: Array, width: int, at: int) -> Array:
+    """Return by how much each curve steps about a sample, (m,)."""
+    half = width // 2
+    after = curves[:, at + half : at + half + _LEVEL * width].mean(axis=1)
+    before = curves[:, max(at - half - _LEVEL * width, 0) : at - half].mean(axis=1)
+    return np.asarray(after - before)

@@ -1,0 +1,62 @@
+"""Jumps between repeats: steps that are put in, and random walks that have the same spectrum and no step."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bench.analysis.gap import Model, diagnose
+from bench.analysis.gap._data import GapRun
+from bench.analysis.gap._jumps import _differences, _places_s
+from drivers.base.arrays import Array
+from tests.analysis.gap.conftest import made_run, stimulus
+
+
+def test_a_difference_of_levels_is_that_of_the_means_about_a_block() -> None:
+    rng = np.random.default_rng(1)
+    curves = rng.normal(size=(2, 105))
+    found = _differences(curves, 5)
+    assert found.shape == (2, 15)
+    for k in range(15):
+        before, after = curves[:, 5 * k : 5 * k + 15], curves[:, 5 * k + 20 : 5 * k + 35]
+        assert found[:, k] == pytest.approx(after.mean(axis=1) - before.mean(axis=1))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_random_walk_has_no_jumps(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    walks = np.cumsum(rng.normal(0.0, 0.01, (3, 12_000)), axis=1) + rng.normal(0.0, 0.3, (3, 12_000))
+    assert _places_s(walks - walks.mean(axis=0), 1.0) == []
+
+
+def test_a_step_in_a_random_walk_is_found_once_at_its_time() -> None:
+    rng = np.random.default_rng(11)
+    walks = np.cumsum(rng.normal(0.0, 0.01, (3, 12_000)), axis=1) + rng.normal(0.0, 0.3, (3, 12_000))
+    walks[1, 7_310:] += 3.0
+    places = _places_s(walks - walks.mean(axis=0), 1.0)
+    assert len(places) == 1
+    assert places[0][1] == pytest.approx(7_310.0, abs=60.0)
+
+
+def _runs(rng: np.random.Generator, steps: bool) -> list[GapRun]:
+    runs = []
+    for name, n in (("short", 5000), ("long", 8000)):
+        for repeat in range(3):
+            s = stimulus(n)
+            walk: Array = np.cumsum(rng.normal(0.0, 0.004, n))
+            if steps:
+                walk[int(rng.integers(1000, n - 1000)) :] += 2.0
+            runs.append(made_run(f"{name} {repeat}", s, rng, walk, profile=name))
+    return runs
+
+
+def test_a_level_that_latches_is_no_random_walk_and_no_cause(nominal: Model) -> None:
+    found = diagnose(_runs(np.random.default_rng(5), steps=True), nominal).rate
+    assert found.verdict == "unknown" and not found.stochastic and not found.causes
+    told = [part.sentence for part in found.unknown_parts if part.follows == "the repeat"]
+    assert "steps in one repeat and not in the other" in told[0]
+    assert "6 such steps" in told[0]
+    size_dph = float(told[0].split("by ")[1].split(" deg/h")[0])
+    assert size_dph == pytest.approx(2.0, abs=0.3)
+    same = diagnose(_runs(np.random.default_rng(5), steps=False), nominal).rate
+    assert same.verdict != "unknown"
