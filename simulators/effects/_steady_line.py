@@ -13,6 +13,7 @@ from drivers.base.arrays import Array
 from drivers.base.constants import ARCSEC_RAD
 from simulators.effects._disturbance import Disturbance, Draws, Finding, Record, SamplePath
 from simulators.effects._effect import DPH, Parameter, Unit
+from simulators.effects._line_track import WANDERS, amplitude_near, tracked
 from simulators.effects._stimulus import Stimulus
 
 _STEADY_DPS = 0.02
@@ -35,6 +36,8 @@ _SEEN = 3.0
 _ALIKE = 0.5
 """Part by which a line's amplitude in a run in which the table moves may differ from that in the steady ones."""
 _OVERTONES = 24
+_SHORTEST_DWELL = 32
+"""Samples at one rate of the table whose mean is taken out before lines are looked for among them."""
 
 
 @dataclass(frozen=True)
@@ -65,23 +68,30 @@ def _find(records: Sequence[Record]) -> Finding | None:
         steady = [records[k] for k in at]
         rests = [_rest(record) for record in steady]
         for _ in range(_MOST_LINES):
-            frequency, evidence = _strongest(rests, steady, period_s)
+            taken = [line.frequency_hz * period_s for line in lines if line.sampling_hz == 1.0 / period_s]
+            frequency, evidence = _strongest(rests, steady, period_s, taken)
             if evidence < _CLEAR:
                 break
             fits = [_fitted(rest, frequency) for rest in rests]
+            near = max(amplitude_near(rest, frequency) for rest in rests)
+            largest = max(near, *(fit.amplitude for fit in fits))
+            fits = [
+                fit.moved(tracked(rest, frequency, largest, fit.wave))
+                for rest, fit in zip(rests, fits, strict=True)
+            ]
             if not _lasts(fits) or _overtone(rests, frequency):
                 break
             waves = [fit.wave for fit in fits]
             rests = [rest - wave for rest, wave in zip(rests, waves, strict=True)]
             for k, wave in zip(at, waves, strict=True):
                 outputs[k] = outputs[k] - wave
-            amplitude = math.sqrt(float(np.mean([fit.amplitude**2 for fit in fits])))
+            amplitude = math.sqrt(2.0 * float(np.mean([np.mean(np.square(wave)) for wave in waves])))
             lines.append(_SteadyLine(frequency / period_s, amplitude, evidence, 1.0 / period_s))
     if not lines:
         return None
     for k, record in enumerate(records):
         if not _is_steady(record.stimulus):
-            outputs[k] = outputs[k] - _waves(lines, _rest(record), record.stimulus.period_s)
+            outputs[k] = outputs[k] - _waves(lines, _levelled(record), record.stimulus.period_s)
     best = max(lines, key=lambda line: line.evidence)
     hours = sum(len(record.stimulus) * record.stimulus.period_s for record in records) / 3600.0
     sigma = best.amplitude_dph / math.sqrt(2.0 * best.evidence)
@@ -99,9 +109,11 @@ def _waves(lines: Sequence[_SteadyLine], rest: Array, period_s: float) -> Array:
     for line in lines:
         cycles = line.frequency_hz * period_s
         folded = abs((cycles + 0.5) % 1.0 - 0.5)
-        fit = _fitted(rest - waves, folded)
-        if folded * len(rest) > _SEEN and abs(fit.amplitude / line.amplitude_dph - 1.0) < _ALIKE:
-            waves = waves + fit.wave
+        fit = _fitted(np.nan_to_num(rest - waves), folded)
+        if folded * len(rest) > _SEEN:
+            alike = abs(fit.amplitude / line.amplitude_dph - 1.0) < _ALIKE
+            wave = fit.wave if alike else np.zeros(len(rest))
+            waves = waves + tracked(rest - waves, folded, line.amplitude_dph, wave)
     return waves
 
 
@@ -115,6 +127,23 @@ def _rest(record: Record) -> Array:
     missing = np.isnan(rest)
     rest[missing] = np.interp(np.flatnonzero(missing), np.flatnonzero(~missing), rest[~missing])
     return np.asarray(rest - rest.mean())
+
+
+def _levelled(record: Record) -> Array:
+    """Return output less model, NaN in gaps; of a table that dwells at rates less each mean, NaN between them."""
+    rest, rate = _rest(record), record.stimulus.table_rate_dps
+    rest[np.isnan(record.output_dph)] = np.nan
+    edges = np.flatnonzero(np.abs(np.diff(rate)) > _STEADY_DPS) + 1
+    parts = np.split(np.arange(len(rest)), edges)
+    dwells = [part for part in parts if len(part) >= _SHORTEST_DWELL]
+    if 4 * sum(map(len, dwells)) < len(rest):
+        return rest
+    result = np.full(len(rest), np.nan)
+    for part in dwells:
+        # the samples at its ends hold a part of the change of rate
+        inner = rest[part[1:-1]]
+        result[part[1:-1]] = inner - (np.nanmean(inner) if np.isfinite(inner).any() else 0.0)
+    return result
 
 
 def _spectrum(rest: Array, size: int) -> Array:
@@ -131,8 +160,13 @@ def _over_surroundings(power: Array) -> Array:
     return np.asarray(power / np.interp(np.arange(len(power)), np.arange(0, len(power), _FINER), around))
 
 
-def _strongest(rests: Sequence[Array], records: Sequence[Record], period_s: float) -> tuple[float, float]:
-    """Return the frequency (cycles a sample) of the strongest line of all runs together, and its log evidence."""
+def _strongest(
+    rests: Sequence[Array], records: Sequence[Record], period_s: float, taken: Sequence[float]
+) -> tuple[float, float]:
+    """Return the frequency (cycles a sample) of the strongest line of all runs together, and its log evidence.
+
+    What is near those `taken` is what they left.
+    """
     if not rests:
         return 0.0, 0.0
     size = _FINER * max(len(rest) for rest in rests)
@@ -148,6 +182,8 @@ def _strongest(rests: Sequence[Array], records: Sequence[Record], period_s: floa
         count += use
     slowest = max(period_s / _LONGEST_S, _FEWEST_CYCLES * _FINER / size)
     use = (frequency > slowest) & (frequency < 0.5 - 2.0 * _FINER / size) & (count > 0)
+    for other in taken:
+        use &= np.abs(frequency - other) > WANDERS * other
     if not use.any():
         return 0.0, 0.0
     from scipy.stats import gamma
@@ -182,6 +218,15 @@ class _SineFit:
     amplitude: float
     quarters: Array
     sigma: float
+
+    def moved(self, wave: Array) -> _SineFit:
+        """Return this with the wave of a line that wanders, if it is another one."""
+        if wave is self.wave:
+            return self
+        size, *quarters = (
+            math.sqrt(2.0 * float(np.mean(np.square(part)))) for part in (wave, *np.array_split(wave, 4))
+        )
+        return _SineFit(wave, size, np.array(quarters), self.sigma)
 
 
 def _fitted(rest: Array, frequency: float) -> _SineFit:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.fft import idct
 from scipy.ndimage import median_filter
 
@@ -53,7 +54,8 @@ def find_jumps(data: Prepared, solution: Solution) -> Jumps | None:
             first += len(repeats)
             if len(repeats) == 1:
                 continue
-            places = _places_s(own - own.mean(axis=0), period_s)
+            known = ~np.any([run.missing for run in repeats], axis=0)
+            places = _places_s(own - own.mean(axis=0), known, period_s)
             number += len(places)
             for ratio, at_s, width_s in places:
                 if ratio > sharpest:
@@ -63,24 +65,29 @@ def find_jumps(data: Prepared, solution: Solution) -> Jumps | None:
     return None if result is None else Jumps(number, *result)
 
 
-def _places_s(apart: Array, period_s: float) -> list[tuple[float, float, float]]:
+def _places_s(apart: Array, known: NDArray[np.bool_], period_s: float) -> list[tuple[float, float, float]]:
     """Return sharpness, place and length of blocks, s, of each jump in repeats (m, n) less their mean.
 
-    The sharpest first; where blocks of several lengths show the same one, it is the sharpest of them.
+    Only levels count of which half is `known` (n,), and not bridged. The sharpest comes first; where blocks of
+    several lengths show the same jump, it is the sharpest of them.
     """
     found: list[tuple[float, float, float]] = []
     for length_s in _BLOCKS_S:
         width = max(1, round(length_s / period_s))
         if apart.shape[1] // width < 8 * _LEVEL:
             continue
-        steps = np.abs(_differences(apart, width))
-        near = median_filter(steps, (1, _NEAR), mode="reflect")
-        usual = np.maximum(np.median(steps, axis=1, keepdims=True), near) / 0.6745
-        ratio = (steps / np.maximum(usual, 1e-300)).max(axis=0)
+        before, after = _levels(apart, width)
+        seen = np.minimum(*_levels(known[None].astype(np.float64), width))[0] > 0.5
+        if not seen.any():
+            continue
+        steps = np.abs(after - before)
+        usual = np.median(steps[:, seen], axis=1, keepdims=True)
+        near = median_filter(np.where(seen, steps, usual), (1, _NEAR), mode="reflect")
+        ratio = 0.6745 * (steps / np.maximum(np.maximum(usual, near), 1e-300)).max(axis=0)
         block_s = width * period_s
         found += [
             (float(ratio[k]), (k + _LEVEL + 0.5) * block_s, block_s)
-            for k in np.flatnonzero(ratio > _SHARP).tolist()
+            for k in np.flatnonzero(seen & (ratio > _SHARP)).tolist()
         ]
     kept: list[tuple[float, float, float]] = []
     for ratio, at_s, length_s in sorted(found, reverse=True):
@@ -89,14 +96,14 @@ def _places_s(apart: Array, period_s: float) -> list[tuple[float, float, float]]
     return kept
 
 
-def _differences(curves: Array, width: int) -> Array:
-    """Return the level after each block of `width` samples less the level before it, (m, blocks - 6)."""
+def _levels(curves: Array, width: int) -> tuple[Array, Array]:
+    """Return the means of three blocks of `width` samples before each block, and of three after it, (m, k)."""
     blocks = curves.shape[1] // width
     means = curves[:, : blocks * width].reshape(len(curves), blocks, width).mean(axis=2)
     total = np.concatenate((np.zeros((len(means), 1)), np.cumsum(means, axis=1)), axis=1)
     before = total[:, _LEVEL : -_LEVEL - 1] - total[:, : -2 * _LEVEL - 1]
     after = total[:, 2 * _LEVEL + 1 :] - total[:, _LEVEL + 1 : -_LEVEL]
-    return np.asarray((after - before) / _LEVEL)
+    return before / _LEVEL, after / _LEVEL
 
 
 def _steps(curves: Array, width: int, at: int) -> Array:

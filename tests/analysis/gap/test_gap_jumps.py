@@ -7,35 +7,50 @@ import pytest
 
 from bench.analysis.gap import Model, diagnose
 from bench.analysis.gap._data import GapRun
-from bench.analysis.gap._jumps import _differences, _places_s
+from bench.analysis.gap._jumps import _levels, _places_s
 from drivers.base.arrays import Array
 from tests.analysis.gap.conftest import made_run, stimulus
+
+ALL = np.ones(12_000, dtype=bool)
 
 
 def test_a_difference_of_levels_is_that_of_the_means_about_a_block() -> None:
     rng = np.random.default_rng(1)
     curves = rng.normal(size=(2, 105))
-    found = _differences(curves, 5)
-    assert found.shape == (2, 15)
+    below, above = _levels(curves, 5)
+    assert below.shape == above.shape == (2, 15)
     for k in range(15):
         before, after = curves[:, 5 * k : 5 * k + 15], curves[:, 5 * k + 20 : 5 * k + 35]
-        assert found[:, k] == pytest.approx(after.mean(axis=1) - before.mean(axis=1))
+        assert below[:, k] == pytest.approx(before.mean(axis=1))
+        assert above[:, k] == pytest.approx(after.mean(axis=1))
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_random_walk_has_no_jumps(seed: int) -> None:
     rng = np.random.default_rng(seed)
     walks = np.cumsum(rng.normal(0.0, 0.01, (3, 12_000)), axis=1) + rng.normal(0.0, 0.3, (3, 12_000))
-    assert _places_s(walks - walks.mean(axis=0), 1.0) == []
+    assert _places_s(walks - walks.mean(axis=0), ALL, 1.0) == []
 
 
 def test_a_step_in_a_random_walk_is_found_once_at_its_time() -> None:
     rng = np.random.default_rng(11)
     walks = np.cumsum(rng.normal(0.0, 0.01, (3, 12_000)), axis=1) + rng.normal(0.0, 0.3, (3, 12_000))
     walks[1, 7_310:] += 3.0
-    places = _places_s(walks - walks.mean(axis=0), 1.0)
+    places = _places_s(walks - walks.mean(axis=0), ALL, 1.0)
     assert len(places) == 1
     assert places[0][1] == pytest.approx(7_310.0, abs=60.0)
+
+
+def test_a_step_where_nothing_was_recorded_is_none() -> None:
+    """A bridge over a gap has no noise: what is nothing beside noise would be sharp there."""
+    rng = np.random.default_rng(12)
+    curves = rng.normal(0.0, 1.0, (2, 12_000))
+    known = ALL.copy()
+    known[3_000:9_000] = False
+    curves[:, ~known] *= 1e-3
+    curves[0, 6_000:9_000] += 0.3
+    assert _places_s(curves - curves.mean(axis=0), known, 1.0) == []
+    assert _places_s(curves - curves.mean(axis=0), ALL, 1.0) != []
 
 
 def _runs(rng: np.random.Generator, steps: bool) -> list[GapRun]:
