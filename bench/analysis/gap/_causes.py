@@ -15,7 +15,7 @@ from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._unknown import CREDIBLE, PREVALENT, credibility, prevalence
 from bench.analysis.gap._which import Found, set_weights
 from drivers.base.arrays import Array
-from simulators.effects import Variant
+from simulators.effects import Input, Variant
 
 _MIMICRY = 0.05
 """Probability that what looks like an effect only resembles it: 26 of 388 sure claims of the exams before."""
@@ -25,6 +25,8 @@ _SURE = 0.8
 Where a free curve stands for the unknown it is that of the cause or of what may stand in its place.
 """
 
+_CROWD = 3
+"""Mechanisms that follow the rate from which on it is a function of rate that has no name in the catalogue."""
 _FEW = 2
 """Effects that may share a name beside something unknown that nothing describes."""
 _LEAST_NAMED = 0.8
@@ -86,6 +88,18 @@ def causes_of(
         else:
             named.append(stated)
     return _mechanisms(named, weights, does), tuple(doubtful)
+
+
+def crowded(causes: Sequence[Cause[Term]]) -> list[Cause[Term]]:
+    """Return the causes that follow rate alone where there are so many that together they only draw a curve.
+
+    Two real effects of the rate happen. Three formulas of it are what a series needs to draw a function that none
+    of them is: an edge at one rate of one sense, a resonance.
+    """
+    rates = Input.RATE | Input.TABLE_RATE
+    inputs = [cause.term.variant.effect.inputs for cause in causes]
+    own = [cause for cause, each in zip(causes, inputs, strict=True) if each and not each & ~rates]
+    return own if len(own) >= _CROWD else []
 
 
 def _energy(solution: Solution, gram: Array) -> float:

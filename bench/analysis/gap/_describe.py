@@ -92,6 +92,15 @@ def _differing_part(noise: Noise, run_id: str, at_s: float) -> UnknownPart:
     return UnknownPart("the repeat", sentence)
 
 
+def crowd_part(names: Sequence[str]) -> UnknownPart:
+    """Describe a function of the rate that several formulas together draw."""
+    sentence = (
+        f"It follows the input rate: {', '.join(names)} together draw its curve, and none of them is it. "
+        "Look for an edge at some rate of one sense, or a resonance that turning excites."
+    )
+    return UnknownPart("input rate", sentence)
+
+
 def _jumping_part(jumps: Jumps) -> UnknownPart:
     """Describe what steps in one repeat and not in another."""
     others = f", {jumps.number} such steps in all" if jumps.number > 1 else ""

@@ -10,11 +10,11 @@ import numpy as np
 from bench.analysis.gap._aliases import in_rows
 from bench.analysis.gap._align import aligned
 from bench.analysis.gap._candidates import candidate_variants
-from bench.analysis.gap._causes import causes_of, models_with_and_without, nominal_beside
+from bench.analysis.gap._causes import causes_of, crowded, models_with_and_without, nominal_beside
 from bench.analysis.gap._cells import BANDS, mixing
 from bench.analysis.gap._close import holding, shrinkage
 from bench.analysis.gap._data import GapRun, Group, by_length, check_runs, unseen
-from bench.analysis.gap._describe import UnknownPart, differing_parts, shaken_part, unknown_parts
+from bench.analysis.gap._describe import UnknownPart, crowd_part, differing_parts, shaken_part, unknown_parts
 from bench.analysis.gap._disturbed import Disturbed, lines_hz, without_disturbances
 from bench.analysis.gap._findings import Cause, Finding, Place
 from bench.analysis.gap._fit import Floor, Solution, nominal_solution
@@ -144,7 +144,10 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         null = weights.get(frozenset(), (0.0, 0.0))[0]
         if null > _DOUBTED:
             causes, resembles = (), ()
-        if not causes:
+        crowd = crowded(causes)
+        causes = tuple(cause for cause in causes if cause not in crowd)
+        resembles = (*resembles, *crowd)
+        if not causes or crowd:
             # something is there, and no name for it is sure
             unknown = max([unknown, *(cause.acts for cause in resembles)])
         stochastic = _stochastic(ready.noise, runs) if unknown < 0.5 else {}
@@ -192,7 +195,8 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
             regimes=tuple(regime_map(ready.groups, nominal, ready.floor, ready.noise.noise, active)),
             unidentifiable=found.hidden,
             unknown_parts=(
-                *(unknown_parts(found, variants, left, active) if unknown > 0.5 else ()),
+                *([crowd_part([cause.name for cause in crowd])] if crowd else ()),
+                *(unknown_parts(found, variants, left, active) if unknown > 0.5 and not crowd else ()),
                 *(differing_parts(ready, best.solution, jumps) if differs > 0.5 and not humming else ()),
                 *([shaken_part(ready.noise.noise, _finest_arcsec(runs))] if shaken > 0.5 else ()),
             ),
@@ -208,7 +212,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
             repeats = [self._holding(finding, data, sets, each) for each in _by_repeat(ready.groups)]
             least: list[float] = np.nan_to_num(repeats, nan=0.0).min(axis=0).tolist()
             finding = _doubted(finding, least, "in every repeat")
-        if unnamed < 0.5:
+        if unnamed < 0.5 and not crowd:
             return finding
         closing = learned(ready, data.model, [term for cause in finding.causes for term in cause.terms])
         return replace(finding, learned=closing, terms=(*finding.terms, *closing.terms))

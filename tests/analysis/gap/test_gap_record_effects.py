@@ -396,3 +396,16 @@ def test_a_line_that_follows_temperature_is_one_line_and_nothing_unknown_beside_
     assert found.rate.unknown_probability < 0.2
     found = diagnose([*still, *(humming(name, _steps(), 0.0872) for name in "fg")], nominal)
     assert (found.verdict, list(found.rate.stochastic)) == ("explained in part", ["vibration_or_mains_line"])
+
+
+def test_an_edge_at_one_rate_of_one_sense_is_a_function_of_rate_without_a_name(nominal: Model) -> None:
+    """Turbulence sets in beyond 40 deg/s one way: it takes three formulas of rate, and is none of them."""
+
+    def response(rate_dph: float) -> float:
+        over = max(rate_dph / 3600.0 - 40.0, 0.0)
+        return rate_dph - 3600.0 * 0.5 * (1.0 - math.exp(-over / 8.0))
+
+    found = diagnose(_rates_runs(1, response), nominal).rate
+    assert found.verdict == "unknown" and not found.causes
+    assert [part.follows for part in found.unknown_parts] == ["input rate"]
+    assert len(found.resembles) >= 3
