@@ -168,7 +168,8 @@ class Effect:
     `propose(rates)` reads shapes (a limit, a band) off the record instead, none where it shows none: there the
     effect is no candidate; `shapes` then has one of usual size. `whole` are shapes
     that are numbers of something. `curve`: the free curve that a diagnosis may take
-    for the effect's real form.
+    for the effect's real form. `also` is what its shapes may bring in; where that was not recorded, a diagnosis
+    has the effect all the same.
     """
 
     name: str
@@ -184,6 +185,7 @@ class Effect:
     propose: Callable[[SlowRates], Sequence[Shape]] | None = None
     whole: tuple[str, ...] = ()
     channel: Literal["gyro_rate"] = "gyro_rate"
+    also: Input = Input.NONE
 
     def columns(self, stimulus: Stimulus, shape: Shape) -> Array:
         """Return deg/h of output for one unit of each parameter, float64 (k, n)."""

@@ -47,4 +47,5 @@ MODE_HOP = Effect(
     _grid(-35.0, 20.0),
     curve=Curve(Input.T_IN),
     propose=_over_the_records,
+    also=Input.GRADIENT,
 )

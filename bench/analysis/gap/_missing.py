@@ -200,7 +200,7 @@ def _wanted(variants: list[Variant]) -> list[str]:
             wanted |= {"table_rate_dps", "table_angle_deg", "elevation_deg"}
         elif effect.causal is Causal.RATE or effect.unit == PPM:
             wanted.add("rate_dps")
-        wanted |= {name for name, flags in _OF_TEMPERATURE.items() if effect.inputs & flags}
+        wanted |= {name for name, flags in _OF_TEMPERATURE.items() if (effect.inputs | effect.also) & flags}
     return [name for name in _INPUTS if name in wanted]
 
 

@@ -85,6 +85,7 @@ NODES_K = np.arange(-33.0, 3.0, 3.0)
 MEMORY = {
     "shupe": term("shupe", 1.0, 0.5, lag_s=180.0),
     "hysteresis": term("hysteresis", 1.0, **dict(catalogue()["hysteresis"].shapes[1])),  # type: ignore[union-attr]
+    "hop": term("mode_hop", 1.0, at_c=5.0, lag_s=60.0, width_k=2.5, loop_k=3.0, toward_case=0.8),
     "learned": term("learned: bias over T_in", *np.sqrt(np.arange(11.0)), **learned_shape(NODES_K)),
 }
 

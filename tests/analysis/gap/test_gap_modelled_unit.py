@@ -70,10 +70,12 @@ OF_TEMPERATURE_OR_TIME += (
 
 
 @pytest.mark.parametrize("name", OF_TEMPERATURE_OR_TIME)
-def test_a_causal_effect_is_the_catalogues_column(name: str) -> None:
+@pytest.mark.parametrize("also", [{}, {"loop_k": 4.0, "lag_s": 120.0}])
+def test_a_causal_effect_is_the_catalogues_column(name: str, also: dict[str, float]) -> None:
     effect = catalogue()[name]
     assert isinstance(effect, Effect)
     shape = dict(effect.shapes[-1])
+    shape |= {key: value for key, value in also.items() if key in shape}
     values = (1.0, *[0.5] * (len(effect.parameters) - 1))
     truth = _shocked((ModelledTerm(name, values, shape),))
     expected = _column(name, shape, truth)
