@@ -7,7 +7,7 @@ import numpy as np
 from drivers.base.arrays import Array
 from simulators.effects._effect import PPM, Curve, Effect, Input, Parameter, Shape
 from simulators.effects._stimulus import Stimulus
-from simulators.effects._thermal import RELAXATIONS, behind, power
+from simulators.effects._thermal import LAGS, RELAXATIONS, behind, power
 
 _AT_DPS = 100.0
 
@@ -21,11 +21,12 @@ SCALE_FACTOR_OVER_TEMPERATURE = (
     Effect(
         "scale_factor_temperature",
         (Parameter("sf_ppm_per_k", -500.0, 500.0, PPM.per("K")),),
-        lambda s, _: s.warm_k,
+        lambda s, shape: s.lagged(s.warm_k, shape.get("lag_s", 0.0)),
         Input.T_IN,
         "rate times T_in",
         "IEEE Std 952, scale-factor temperature sensitivity",
         "Scale factor is proportional to temperature.",
+        LAGS,
         unit=PPM,
         curve=Curve(Input.T_IN, of_rate=True),
     ),
@@ -37,6 +38,7 @@ SCALE_FACTOR_OVER_TEMPERATURE = (
         "rate times T_in squared",
         "IEEE Std 952, scale-factor temperature sensitivity",
         "Scale factor bends with temperature.",
+        LAGS,
         unit=PPM,
         curve=Curve(Input.T_IN, of_rate=True),
     ),
@@ -48,7 +50,11 @@ SCALE_FACTOR_OVER_TEMPERATURE = (
         "rate times T_in's slow follower, or T_in less it",
         "scale-factor hysteresis over a cycle",
         "Scale factor follows the temperature late.",
-        tuple({**lag, "static": static} for static in (0.0, 1.0) for lag in ({"lag_s": 300.0}, *RELAXATIONS)),
+        tuple(
+            {"lag_s": lag_s, "static": static}
+            for static, shortest_s in ((0.0, 300.0), (1.0, 800.0))
+            for lag_s in (shortest_s, *(each["lag_s"] for each in RELAXATIONS))
+        ),
         unit=PPM,
         whole=("static",),
     ),

@@ -10,7 +10,7 @@ from simulators.effects._stimulus import REFERENCE_C, Stimulus
 
 SPAN_K = 50.0
 """Temperatures count in this many kelvins, so that the coefficients of all powers are of one size."""
-_LAGS: tuple[Shape, ...] = tuple({"lag_s": lag} for lag in (0.0, 150.0, 400.0))
+LAGS: tuple[Shape, ...] = tuple({"lag_s": lag} for lag in (0.0, 150.0, 400.0))
 
 
 def power(order: int) -> Formula:
@@ -50,7 +50,7 @@ POLYNOMIAL_EFFECTS = (
         "T_in",
         "usual static temperature model",
         "Bias bends with temperature.",
-        _LAGS,
+        LAGS,
         curve=_CURVE,
     ),
     Effect(
@@ -61,7 +61,7 @@ POLYNOMIAL_EFFECTS = (
         "T_in",
         "usual static temperature model",
         "Bias follows the cube of temperature: it bends one way in the cold, the other in the warm.",
-        _LAGS,
+        LAGS,
         curve=_CURVE,
     ),
 )

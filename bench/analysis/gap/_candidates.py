@@ -15,6 +15,8 @@ from drivers.base.arrays import Array
 from simulators.effects import Effect, Input, Variant, catalogue
 
 _LEAST_DETECTABLE = 5.0
+_THE_SAME = 1e-3
+"""Part of a column's energy apart from another's below which no record tells the two."""
 FREE_CURVE = -4.0
 """Prior log odds of a free curve against an effect of the catalogue."""
 
@@ -64,6 +66,23 @@ def series_of(effect: Effect) -> Hashable:
     return "even rates" if effect.parity == 1 else None
 
 
+def _at_once(index: int, system: Array, candidates: Sequence[Candidate], variants: Sequence[Variant]) -> str:
+    """Return the effect without memory that does the very same as one with it, "" for none."""
+    effect, own = variants[index].effect, candidates[index].columns
+    if not effect.inputs & Input.HISTORY or isinstance(effect, FreeCurve) or len(own) > 1:
+        return ""
+    for other, variant in zip(candidates, variants, strict=True):
+        simple = variant.effect
+        if simple.inputs | Input.HISTORY != effect.inputs or simple.inputs == effect.inputs:
+            continue
+        if simple.unit != effect.unit or len(other.columns) > 1 or isinstance(simple, FreeCurve):
+            continue
+        products = system[np.ix_((own[0], other.columns[0]), (own[0], other.columns[0]))]
+        if products[0, 1] ** 2 > (1.0 - _THE_SAME) * products[0, 0] * products[1, 1]:
+            return simple.name
+    return ""
+
+
 def possible_candidates(
     system: Array,
     gram: Array,
@@ -88,6 +107,10 @@ def possible_candidates(
             reason = f"{effect.follows} does not change within any run"
         elif (apart / np.maximum(whole, 1e-300)).max() < 1e-6:
             reason = "cannot be told from the nominal model's own terms in these runs"
+        elif at_once := _at_once(index, system, candidates, variants):
+            reason = (
+                f"cannot be told from {at_once} in these runs: what would come late does not change in them"
+            )
         else:
             possible.append(index)
             continue

@@ -90,16 +90,20 @@ def causes_of(
     return _mechanisms(named, weights, does), tuple(doubtful)
 
 
-def crowded(causes: Sequence[Cause[Term]]) -> list[Cause[Term]]:
-    """Return the causes that follow rate alone where there are so many that together they only draw a curve.
+def crowded(causes: Sequence[Cause[Term]], resembling: Sequence[Cause[Term]]) -> list[Cause[Term]]:
+    """Return the causes that follow rate alone where, with those `resembling`, they only draw a curve together.
 
     Two real effects of the rate happen. Three formulas of it are what a series needs to draw a function that none
     of them is: an edge at one rate of one sense, a resonance.
     """
-    rates = Input.RATE | Input.TABLE_RATE
-    inputs = [cause.term.variant.effect.inputs for cause in causes]
-    own = [cause for cause, each in zip(causes, inputs, strict=True) if each and not each & ~rates]
-    return own if len(own) >= _CROWD else []
+    own = [cause for cause in causes if follows_rate(cause)]
+    return own if own and len(own) + sum(map(follows_rate, resembling)) >= _CROWD else []
+
+
+def follows_rate(cause: Cause[Term]) -> bool:
+    """Return whether a cause is a function of the rate, of the input or of the table, and of nothing else."""
+    inputs = cause.term.variant.effect.inputs
+    return bool(inputs) and not inputs & ~(Input.RATE | Input.TABLE_RATE)
 
 
 def _energy(solution: Solution, gram: Array) -> float:

@@ -18,12 +18,16 @@ from bench.analysis.gap._noise import power_of
 from bench.analysis.gap._prepare import Prepared
 from bench.analysis.gap._which import left_of_runs
 from drivers.base.arrays import Array
+from simulators.effects import Stimulus
 
 _BLOCKS_S = (20.0, 60.0, 200.0)
 _LEVEL = 3
 """Blocks before and after a jump, whose means are its levels; one block between them holds it."""
 _SHARP = 6.5
 """Standard deviations: 8e-11 of normal differences, and there are some ten thousand of them in a campaign."""
+_APART_S, _SAME = 600.0, 0.5
+"""Time by which an event may come earlier or later in another repeat, and its least part of the size there."""
+_STEADY_DPS, _LEVEL_DEG = 0.02, 0.01
 _NEAR = 61
 """Blocks about a difference that say how large differences are there: repeats differ more where it warms."""
 
@@ -55,21 +59,37 @@ def find_jumps(data: Prepared, solution: Solution) -> Jumps | None:
             if len(repeats) == 1:
                 continue
             known = ~np.any([run.missing for run in repeats], axis=0)
-            places = _places_s(own - own.mean(axis=0), known, period_s)
-            number += len(places)
-            for ratio, at_s, width_s in places:
+            for ratio, at_s, width_s in _places_s(
+                own - own.mean(axis=0), known, _moves(repeats[0].stimulus), period_s
+            ):
+                sizes = _steps(own, round(width_s / period_s), round(at_s / period_s))
+                run = int(np.abs(sizes).argmax())
+                others = np.delete(own, run, axis=0)
+                reach = round(_APART_S / period_s)
+                if _later(
+                    others, round(width_s / period_s), round(at_s / period_s), reach, float(sizes[run])
+                ):
+                    continue
+                number += 1
                 if ratio > sharpest:
-                    sizes = _steps(own, max(1, round(width_s / period_s)), round(at_s / period_s))
-                    run = int(np.abs(sizes).argmax())
                     sharpest, result = ratio, (repeats[run].run_id, at_s, float(sizes[run]))
     return None if result is None else Jumps(number, *result)
 
 
-def _places_s(apart: Array, known: NDArray[np.bool_], period_s: float) -> list[tuple[float, float, float]]:
+def _moves(s: Stimulus) -> NDArray[np.bool_]:
+    """Return the samples, (n,), at which rate or attitude change: a scale factor makes a step of that."""
+    rate, level = s.table_rate_dps, s.elevation_deg
+    changes = (np.abs(np.diff(rate)) > _STEADY_DPS) | (np.abs(np.diff(level)) > _LEVEL_DEG)
+    return np.concatenate(([False], changes))
+
+
+def _places_s(
+    apart: Array, known: NDArray[np.bool_], moves: NDArray[np.bool_], period_s: float
+) -> list[tuple[float, float, float]]:
     """Return sharpness, place and length of blocks, s, of each jump in repeats (m, n) less their mean.
 
-    Only levels count of which half is `known` (n,), and not bridged. The sharpest comes first; where blocks of
-    several lengths show the same jump, it is the sharpest of them.
+    Only levels count of which half is `known` (n,), and not bridged, without `moves` (n,) from the one to the
+    other. The sharpest comes first; where blocks of several lengths show the same jump, it is the sharpest.
     """
     found: list[tuple[float, float, float]] = []
     for length_s in _BLOCKS_S:
@@ -78,6 +98,9 @@ def _places_s(apart: Array, known: NDArray[np.bool_], period_s: float) -> list[t
             continue
         before, after = _levels(apart, width)
         seen = np.minimum(*_levels(known[None].astype(np.float64), width))[0] > 0.5
+        ends = width * np.arange(len(seen) + 2 * _LEVEL + 1)
+        turns = np.concatenate(([0], np.cumsum(moves)))[ends]
+        seen &= turns[2 * _LEVEL + 1 :] == turns[: -2 * _LEVEL - 1]
         if not seen.any():
             continue
         steps = np.abs(after - before)
@@ -104,6 +127,14 @@ def _levels(curves: Array, width: int) -> tuple[Array, Array]:
     before = total[:, _LEVEL : -_LEVEL - 1] - total[:, : -2 * _LEVEL - 1]
     after = total[:, 2 * _LEVEL + 1 :] - total[:, _LEVEL + 1 : -_LEVEL]
     return before / _LEVEL, after / _LEVEL
+
+
+def _later(curves: Array, width: int, at: int, reach: int, size: float) -> bool:
+    """Return whether another curve steps as far somewhat earlier or later: the same event at another time."""
+    places = range(at - reach, at + reach + 1, max(1, width // 2))
+    inside = [k for k in places if (_LEVEL + 1) * width <= k < curves.shape[1] - (_LEVEL + 1) * width]
+    steps = np.array([_steps(curves, width, k) for k in inside])
+    return bool(steps.size and (np.sign(size) * steps).max() > _SAME * abs(size))
 
 
 def _steps(curves: Array, width: int, at: int) -> Array:

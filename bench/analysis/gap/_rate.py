@@ -10,7 +10,13 @@ import numpy as np
 from bench.analysis.gap._aliases import in_rows
 from bench.analysis.gap._align import aligned
 from bench.analysis.gap._candidates import candidate_variants
-from bench.analysis.gap._causes import causes_of, crowded, models_with_and_without, nominal_beside
+from bench.analysis.gap._causes import (
+    causes_of,
+    crowded,
+    follows_rate,
+    models_with_and_without,
+    nominal_beside,
+)
 from bench.analysis.gap._cells import BANDS, mixing
 from bench.analysis.gap._close import holding, shrinkage
 from bench.analysis.gap._data import GapRun, Group, by_length, check_runs, unseen
@@ -144,7 +150,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         null = weights.get(frozenset(), (0.0, 0.0))[0]
         if null > _DOUBTED:
             causes, resembles = (), ()
-        crowd = crowded(causes)
+        crowd = crowded(causes, resembles)
         causes = tuple(cause for cause in causes if cause not in crowd)
         resembles = (*resembles, *crowd)
         if not causes or crowd:
@@ -195,7 +201,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
             regimes=tuple(regime_map(ready.groups, nominal, ready.floor, ready.noise.noise, active)),
             unidentifiable=found.hidden,
             unknown_parts=(
-                *([crowd_part([cause.name for cause in crowd])] if crowd else ()),
+                *([crowd_part([cause.name for cause in filter(follows_rate, resembles)])] if crowd else ()),
                 *(unknown_parts(found, variants, left, active) if unknown > 0.5 and not crowd else ()),
                 *(differing_parts(ready, best.solution, jumps) if differs > 0.5 and not humming else ()),
                 *([shaken_part(ready.noise.noise, _finest_arcsec(runs))] if shaken > 0.5 else ()),

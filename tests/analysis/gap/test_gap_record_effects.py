@@ -409,3 +409,19 @@ def test_an_edge_at_one_rate_of_one_sense_is_a_function_of_rate_without_a_name(n
     assert found.verdict == "unknown" and not found.causes
     assert [part.follows for part in found.unknown_parts] == ["input rate"]
     assert len(found.resembles) >= 3
+
+
+def test_a_memory_that_no_run_shows_is_not_held_against_what_has_none(nominal: Model) -> None:
+    """Rates at three temperatures, each held from the start: when the scale factor comes, nobody sees."""
+    rng = np.random.default_rng(9)
+    runs = []
+    for warm_k in (-40.0, 0.0, 35.0):
+        for name in "ab":
+            s = _steps((0.0, 20.0, -20.0, 0.0, 60.0, -60.0))
+            s = replace(s, t_in_c=np.full(len(s), 25.0 + warm_k), t_out_c=np.full(len(s), 25.0 + warm_k))
+            extra = 3e-6 * warm_k * s.input_rate_dph
+            runs.append(made_run(f"{warm_k:g} {name}", s, rng, extra, condition=f"{warm_k:g}"))
+    found = diagnose(runs, nominal)
+    (cause,) = found.causes
+    assert cause.one_of == ("scale_factor_temperature",)
+    assert "cannot be told from scale_factor_temperature" in found.rate.unidentifiable["scale_factor_lag"]
