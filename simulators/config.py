@@ -60,6 +60,23 @@ class Ground(_PlantSection):
         return self.sway_mps == 0.0 and (self.step_mps == 0.0 or self.steps_per_min == 0.0)
 
 
+class Accelerometers(_PlantSection):
+    """The accelerometers of a platform INS (simulators.plant.accelerometers), sizes of a navigation-grade one.
+
+    The unit's serial number draws bias, scale factor and what changes the bias by these standard deviations:
+    `per_k_ug` with the platform's temperature, which goes with heading, `heading_ug` with cosine and sine of the
+    heading. Both are nothing in a sound unit. A bias of `wander_ug` wanders with the correlation time `wander_h`.
+    """
+
+    bias_ug: float = key(default=50.0, ge=0, le=1e4)
+    scale_ppm: float = key(default=50.0, ge=0, le=1e4)
+    per_k_ug: float = key(default=0.0, ge=0, le=1e4)
+    heading_ug: float = key(default=0.0, ge=0, le=1e4)
+    white_ug_per_sqrt_hz: float = key(default=10.0, ge=0, le=1e4)
+    wander_ug: float = key(default=2.0, ge=0, le=1e4)
+    wander_h: float = key(default=20.0, gt=0, le=1e4)
+
+
 class Bearing(_PlantSection):
     """The bearing that a unit of the model `ins_triad` turns in (simulators.plant.wobble).
 
@@ -131,6 +148,7 @@ class PlatformInLab:
     north_deg: float = 0.0
     modelled: bool = False
     heading_effect: list[float] | None = None
+    accelerometers: Accelerometers = field(default_factory=Accelerometers)
 
 
 @dataclass(frozen=True, kw_only=True)
