@@ -74,7 +74,9 @@ class Plant(BaseModel):
     """Unit's name -> how often its USB adapter hands over what has come: 16 as most are delivered, 1 at best."""
     rotation: Rotation = Rotation()
     ground: Ground = Ground()
-    """What moves below the table: an IMU's accelerometers feel it."""
+    """What the table stands on: gyros feel how it turns, an IMU's accelerometers how it moves as well."""
+    on_ground: tuple[str, ...] = ()
+    """Gyro names: units that stand on the ground beside the table and do not turn with it."""
     imu_error_scale: float = Field(default=1.0, gt=0, le=100)
     """How many times larger than a navigation-grade unit's the drawn errors of an IMU are."""
     bearing: dict[str, Bearing] = Field(default_factory=dict)
@@ -334,6 +336,7 @@ def lab_config(
                 lean_deg=plant.lean_deg.get(gyro.name, (0.0, 0.0)),
                 clock_error_ppm=plant.sample_clock_error_ppm(gyro),
                 bearing=plant.bearing.get(gyro.unit),
+                on_ground=gyro.name in plant.on_ground,
                 errors=plant.errors_of(gyro.unit),
             )
             for gyro in file.gyro

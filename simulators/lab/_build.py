@@ -167,6 +167,7 @@ def plant_config(config: LabConfig) -> PlantConfig:
                 lean_deg=gyro.lean_deg,
                 aux_sensor=gyro.config.case_sensor or 0,
                 wobble=None if gyro.bearing is None else _wobble(gyro.bearing),
+                on_ground=gyro.on_ground,
                 errors=None if gyro.errors is None else ModelledErrors.from_json(gyro.errors),
             )
             for gyro in config.gyros
