@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from bench.analysis.calibration._navigation import Increments, align
 from drivers.base.constants import EARTH_RATE_RAD_S, gravity_mps2
 from simulators.config import Ground
 from simulators.plant.ground import MovingGround
@@ -169,3 +170,22 @@ def test_an_imu_on_two_axes_feels_the_ground_turn() -> None:
     at = between * Rotation.from_euler("x", middle_deg[:, None], degrees=True) * home
     force = signal.velocity_increment_mps / 0.01
     np.testing.assert_allclose(force, at.inv().apply([0.0, 0.0, gravity_mps2(LATITUDE)]), atol=1e-4)
+
+
+def test_an_imu_is_aligned_on_a_ground_that_rocks() -> None:
+    """By 48 s of a rock whose ends alone would put north off by degrees, to the attitude of the first sample."""
+    floor = ground(Ground(rock_arcsec=(60.0, 60.0, 10.0), rock_hz=0.15))
+    table = [("up", TableAxis(TableParameters(), NoiseSource(1, "table")))]
+    unit = ImuUnit(ImuErrors(), ImuNoise(), table, LATITUDE, NoiseSource(2, "imu"), ground=floor)
+    unit.start(25.0)
+    for _ in range(50):
+        unit.tick(25.0)
+    signal = unit.measure(0.0, 4800, 0.01)
+    assert signal.velocity_increment_mps is not None
+    data = Increments(0.01, signal.angle_increment_rad, signal.velocity_increment_mps)
+    mean = signal.angle_increment_rad.mean(axis=0) / 0.01
+    at_first = floor.attitude(np.zeros(1))[0] @ unit._askew
+    north = np.cross([0.0, 0.0, 1.0], np.cross(at_first @ mean, [0.0, 0.0, 1.0]))
+    assert abs(math.degrees(math.atan2(north[0], north[1]))) > 1.0
+    off = Rotation.from_matrix(align(data, 48.0) @ at_first.T).as_rotvec() / ARCSEC
+    assert np.abs(off[:2]).max() < 0.1 and abs(off[2]) < 30.0
