@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from bench.analysis.calibration._conventions import Noise
 from bench.analysis.calibration._navigation import Increments, align
+from bench.analysis.calibration._record_noise import rest_noise
 from drivers.base.constants import EARTH_RATE_RAD_S, gravity_mps2
 from simulators.config import Ground
 from simulators.plant.ground import MovingGround
-from simulators.plant.imu import ImuErrors, ImuNoise, ImuUnit
+from simulators.plant.imu import ImuErrors, ImuNoise, ImuUnit, imu_noise
 from simulators.plant.lab_plant import LabPlant, PlantConfig, UnitConfig
 from simulators.plant.model import UnitModel
 from simulators.plant.noise import NoiseParameters, NoiseSource
@@ -189,3 +191,25 @@ def test_an_imu_is_aligned_on_a_ground_that_rocks() -> None:
     assert abs(math.degrees(math.atan2(north[0], north[1]))) > 1.0
     off = Rotation.from_matrix(align(data, 48.0) @ at_first.T).as_rotvec() / ARCSEC
     assert np.abs(off[:2]).max() < 0.1 and abs(off[2]) < 30.0
+
+
+def test_rocking_is_not_read_as_gyro_noise() -> None:
+    """White noise of 0.001 deg/sqrt(h) on a pier that rocks by 3 arcsec; means of 1 s show 20 times as much."""
+    told = Noise()
+    noise = imu_noise(False)
+    found = []
+    for rock in (0.0, 3.0):
+        floor = ground(Ground(rock_arcsec=(rock, rock, rock / 10.0), rock_hz=0.15))
+        table = [("up", TableAxis(TableParameters(), NoiseSource(1, "table")))]
+        unit = ImuUnit(ImuErrors(), noise, table, LATITUDE, NoiseSource(2, "imu"), ground=floor)
+        unit.start(25.0)
+        for _ in range(302):
+            unit.tick(25.0)
+        signal = unit.measure(0.0, 30_000, 0.01)
+        assert signal.velocity_increment_mps is not None
+        data = Increments(0.01, signal.angle_increment_rad, signal.velocity_increment_mps)
+        found.append(rest_noise(data, np.ones(300, np.bool_), told).arw_deg_per_sqrt_h)
+        seconds = np.diff(data.sums(100, 300)[0][1:-1], axis=0)
+    crude = math.degrees(float(np.sqrt((seconds[:, :2] ** 2).mean() / 2.0))) * 60.0
+    assert crude > 0.02
+    assert found == pytest.approx([0.001, 0.001], rel=0.15)
