@@ -42,10 +42,14 @@ class Rotation(_PlantSection):
 
 
 class Ground(_PlantSection):
-    """The floor or pier below the table (simulators.plant.ground): in the wind and with people about.
+    """What the table stands on (simulators.plant.ground): a floor or pier in the field, a ship, a vehicle.
 
-    `sway_mps`: rms velocity along east and along north, about `sway_hz`. `step_mps`: velocity of the push that
-    each of `steps_per_min` steps gives it, on average so many, at random times; it rings down at `step_hz`.
+    It moves: `sway_mps` is its rms velocity along east and along north, about `sway_hz`; `step_mps` the velocity
+    of the push that each of `steps_per_min` steps gives it, on average so many, at random times; it rings down
+    at `step_hz`. It turns: `rock_arcsec` is the rms angle about east, north and up, about `rock_hz`;
+    `step_arcsec` the angle that a step tips it by, ringing down like the push; `sun_arcsec` the amplitude of a
+    tilt about east and north that comes and goes in a day; `engine_arcsec` the amplitude about each axis of a
+    line at `engine_hz`.
     """
 
     sway_mps: float = key(default=0.0, ge=0, le=1)
@@ -53,11 +57,40 @@ class Ground(_PlantSection):
     step_mps: float = key(default=0.0, ge=0, le=1)
     steps_per_min: float = key(default=0.0, ge=0, le=600)
     step_hz: float = key(default=8.0, gt=0, le=100)
+    rock_arcsec: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rock_hz: float = key(default=0.05, gt=0, le=100)
+    step_arcsec: float = key(default=0.0, ge=0, le=3600)
+    sun_arcsec: float = key(default=0.0, ge=0, le=3600)
+    engine_arcsec: float = key(default=0.0, ge=0, le=3600)
+    engine_hz: float = key(default=25.0, gt=0, le=1000)
 
     @property
-    def still(self) -> bool:
-        """Whether nothing moves."""
-        return self.sway_mps == 0.0 and (self.step_mps == 0.0 or self.steps_per_min == 0.0)
+    def moves(self) -> bool:
+        """Whether it has a velocity."""
+        return self.sway_mps > 0.0 or (self.step_mps > 0.0 and self.steps_per_min > 0.0)
+
+    @property
+    def rocks(self) -> bool:
+        """Whether it turns."""
+        steps = self.step_arcsec > 0.0 and self.steps_per_min > 0.0
+        return any(self.rock_arcsec) or steps or self.sun_arcsec > 0.0 or self.engine_arcsec > 0.0
+
+
+class Accelerometers(_PlantSection):
+    """The accelerometers of a platform INS (simulators.plant.accelerometers), sizes of a navigation-grade one.
+
+    The unit's serial number draws bias, scale factor and what changes the bias by these standard deviations:
+    `per_k_ug` with the platform's temperature, which goes with heading, `heading_ug` with cosine and sine of the
+    heading. Both are nothing in a sound unit. A bias of `wander_ug` wanders with the correlation time `wander_h`.
+    """
+
+    bias_ug: float = key(default=50.0, ge=0, le=1e4)
+    scale_ppm: float = key(default=50.0, ge=0, le=1e4)
+    per_k_ug: float = key(default=0.0, ge=0, le=1e4)
+    heading_ug: float = key(default=0.0, ge=0, le=1e4)
+    white_ug_per_sqrt_hz: float = key(default=10.0, ge=0, le=1e4)
+    wander_ug: float = key(default=2.0, ge=0, le=1e4)
+    wander_h: float = key(default=20.0, gt=0, le=1e4)
 
 
 class Bearing(_PlantSection):
@@ -99,8 +132,8 @@ class GyroInLab:
     """A gyro unit: its section of the bench file, and which physics it has.
 
     `lean_deg`: its input-axis misalignment towards the next axis and the last one, `mount_tilt_deg` that of its
-    fixture upwards. `bearing`: what an INS turns in; None for the one its seed draws. `errors`: terms and noise
-    of a fitted model in place of the unit's own errors.
+    fixture upwards. `bearing`: what an INS turns in; None for the one its seed draws. `on_ground`: it stands
+    beside the table. `errors`: terms and noise of a fitted model in place of the unit's own errors.
     """
 
     config: GyroConfig
@@ -112,6 +145,7 @@ class GyroInLab:
     lean_deg: tuple[float, float] = (0.0, 0.0)
     clock_error_ppm: float = 0.0
     bearing: Bearing | None = None
+    on_ground: bool = False
     errors: dict[str, Any] | None = None
 
 
@@ -131,6 +165,7 @@ class PlatformInLab:
     north_deg: float = 0.0
     modelled: bool = False
     heading_effect: list[float] | None = None
+    accelerometers: Accelerometers = field(default_factory=Accelerometers)
 
 
 @dataclass(frozen=True, kw_only=True)

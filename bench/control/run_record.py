@@ -324,7 +324,7 @@ def _source(section: GyroConfig | PlatformConfig, start_offset: int) -> StreamSo
             "platform",
             section.name,
             lambda: platform.decoder(section),
-            lambda columns, _: {name: columns[name] for name in platform.columns},
+            lambda columns, _: {name: columns[name] for name in platform.columns if name in columns},
             f"platform INS {section.name}",
             start_offset,
             section.baudrate,

@@ -21,7 +21,16 @@ from drivers.base.errors import BenchError, ConfigurationError
 from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded, replace_file
 from drivers.kit.config import GyroConfig, Mistake, Mounting, refusal
 from drivers.kit.registry import one_of
-from simulators.config import Bearing, Ground, GyroInLab, InstrumentInLab, LabConfig, PlatformInLab, Rotation
+from simulators.config import (
+    Accelerometers,
+    Bearing,
+    Ground,
+    GyroInLab,
+    InstrumentInLab,
+    LabConfig,
+    PlatformInLab,
+    Rotation,
+)
 from simulators.faults import Fault
 
 if TYPE_CHECKING:
@@ -57,13 +66,17 @@ class Plant(BaseModel):
     """rms over headings of the change of a platform's mean drift"""
     platform_start_k: float = Field(default=0.0, ge=-60, le=60)
     """How much warmer than in equilibrium a platform is at power-on: negative for a cold one."""
+    accelerometers: dict[str, Accelerometers] = Field(default_factory=dict)
+    """Platform's unit id -> how good its accelerometers are; the bench file says whether it sends them."""
     clock_error_ppm: dict[str, float] = Field(default_factory=dict)
     """Gyro name -> error of its sample clock, positive when it is fast; 10000 is 1 %."""
     adapter_batch_ms: dict[str, Annotated[float, Field(gt=0, le=1000)]] = Field(default_factory=dict)
     """Unit's name -> how often its USB adapter hands over what has come: 16 as most are delivered, 1 at best."""
     rotation: Rotation = Rotation()
     ground: Ground = Ground()
-    """What moves below the table: an IMU's accelerometers feel it."""
+    """What the table stands on: gyros feel how it turns, an IMU's accelerometers how it moves as well."""
+    on_ground: tuple[str, ...] = ()
+    """Gyro names: units that stand on the ground beside the table and do not turn with it."""
     imu_error_scale: float = Field(default=1.0, gt=0, le=100)
     """How many times larger than a navigation-grade unit's the drawn errors of an IMU are."""
     bearing: dict[str, Bearing] = Field(default_factory=dict)
@@ -323,6 +336,7 @@ def lab_config(
                 lean_deg=plant.lean_deg.get(gyro.name, (0.0, 0.0)),
                 clock_error_ppm=plant.sample_clock_error_ppm(gyro),
                 bearing=plant.bearing.get(gyro.unit),
+                on_ground=gyro.name in plant.on_ground,
                 errors=plant.errors_of(gyro.unit),
             )
             for gyro in file.gyro
@@ -340,6 +354,7 @@ def lab_config(
                 start_k=plant.platform_start_k,
                 modelled=platform.unit in plant.gap_model,
                 heading_effect=plant.platform_drift_of(platform.unit),
+                accelerometers=plant.accelerometers.get(platform.unit, Accelerometers()),
             )
             for platform in file.platform
         ),

@@ -56,13 +56,14 @@ def examine(disturbance: Disturbance, records: int) -> Outcome:
         corrected = replace(options, wander=shown.wander)
         found = estimate(data, replace(task, noise=shown.found), corrected, schedule)
         alarms += bool(shown.alarms)
-        told.append(_nees(first, truth))
-        nees.append(_nees(found, truth))
+        told.append(nees_of(first, truth))
+        nees.append(nees_of(found, truth))
         innovations.append(found.innovation_rms)
     return Outcome(alarms, records, float(np.mean(told)), float(np.mean(nees)), float(np.mean(innovations)))
 
 
-def _nees(found: Estimate, truth: Array) -> float:
+def nees_of(found: Estimate, truth: Array) -> float:
+    """Return the squared error of the 24 parameters in units of the covariance that was stated, over 24."""
     error = found.parameters - truth
     return float(error @ np.linalg.solve(found.covariance, error)) / 24.0
 

@@ -115,7 +115,8 @@ class GyroKind(Generic[G]):
 class PlatformKind(Generic[P]):
     """A platform INS driver; see `GyroKind`.
 
-    `columns`: what the decoder gives beside `counter`, `status` and `valid`, in the order of the table.
+    `columns`: what the decoder gives beside `counter`, `status` and `valid`, in the order of the table; it
+    leaves out those that a unit does not send by its configuration.
     """
 
     open: Callable[[P, Connection], Platform]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from drivers.base.errors import DeviceRefused, DeviceSilent, WrongDevice
-from drivers.kit.config import PlatformConfig
+from drivers.kit.config import PlatformConfig, key
 from drivers.kit.conversation import StreamingGyro
 from drivers.kit.instruments import Identity
 from drivers.kit.kinds import Connection
@@ -13,12 +13,21 @@ _REPLY_S = 2.0
 BAUDRATE = 38400
 
 
+class PinsConfig(PlatformConfig):
+    """`[[platform]]` with `driver = "platform_ins"`."""
+
+    accelerometers: bool = key(
+        default=False,
+        description="whether the unit sends its three accelerometers beside position and temperature",
+    )
+
+
 class PlatformIns(StreamingGyro):
     """A platform INS that streams position and temperatures every `period_s` whole seconds, 1 .. 60."""
 
-    def __init__(self, config: PlatformConfig, connection: Connection) -> None:
+    def __init__(self, config: PinsConfig, connection: Connection) -> None:
         super().__init__(connection.link(config.port, config.baudrate))
-        self.period_s = config.period_s
+        self.period_s, self._accelerometers = config.period_s, config.accelerometers
 
     def identify(self) -> Identity:
         """Stop the stream and ask who it is; DeviceSilent, WrongDevice or DeviceRefused."""
@@ -35,8 +44,10 @@ class PlatformIns(StreamingGyro):
         return Identity(maker, model, serial_number, firmware)
 
     def start(self) -> None:
-        """Set the period and start the stream."""
+        """Set the period, ask for the accelerometers if the bench file has them, and start the stream."""
         self._ask("PERIOD", str(self.period_s))
+        if self._accelerometers:
+            self._ask("FORCE", "1")
         self._ask("START")
         super().start()
 
@@ -78,7 +89,9 @@ class PlatformIns(StreamingGyro):
             where=self.link.where,
             found=",".join(reason) or "no reason",
             expected="$PINSA," + command[0],
-            remedy="check the unit's state and the period asked for",
+            remedy="take `accelerometers` out of the bench file if the unit has none"
+            if command[0] == "FORCE"
+            else "check the unit's state and the period asked for",
         )
 
     def _unanswered(self, command: tuple[str, ...], heard: bytes) -> DeviceSilent | WrongDevice:

@@ -3,19 +3,22 @@
 Sentences as in NMEA 0183: `$`, ASCII without `$ * CR LF`, `*`, two upper-case hexadecimal digits of the XOR
 of everything between `$` and `*`, CR LF; 38400 8N1 unless told otherwise; 1/60 to 1 sentence a second.
 
-    $PINS,<counter>,<latitude>,<longitude>,<platform temperature>,<cabinet temperature>,<status>*hh
+    $PINS,<counter>,<latitude>,<longitude>,<platform temperature>,<cabinet temperature>,<status>[,<x>,<y>,<z>]*hh
 
 counter      decimal 0 .. 65535, one more each sentence, then 0 again
 latitude     geodetic, deg, sign, 8 decimals (0.036 mas); longitude likewise, -180 <= longitude < 180
 temperature  degC, 4 decimals; empty while the sensor is dead
 status       two hexadecimal digits: bit 0 position valid, bit 1 navigating (0: aligning), bit 2 heater
 regulated
+x, y, z      specific force in the platform's axes, m/s2, sign, 7 decimals (0.01 ug), only when asked for;
+empty while the accelerometer is dead
 
 The bench asks with $PINSQ and gets $PINSA (done) or $PINSE,<reason> (refused):
 
     $PINSQ,ID*hh            -> $PINSA,ID,<maker>,<model>,<serial number>,<firmware>*hh
     $PINSQ,PERIOD,<s>*hh    -> $PINSA,PERIOD,<s>*hh      whole seconds, 1 .. 60
     $PINSQ,START*hh         -> $PINSA,START*hh           sentences from the next whole period on
+    $PINSQ,FORCE,<0 or 1>*hh -> $PINSA,FORCE,<0 or 1>*hh  1: with accelerometers from the next sentence on
     $PINSQ,STOP*hh          -> $PINSA,STOP*hh
     $PINSQ,NAVIGATE*hh      -> $PINSA,NAVIGATE*hh        ends the alignment
 """
@@ -30,6 +33,7 @@ from drivers.kit.instruments import FrameBatch, StreamCounts
 
 COUNTER_MODULO = 65536
 POSITION_VALID, NAVIGATING, REGULATED = 1, 2, 4
+FORCE = ("accelerometer_x_mps2", "accelerometer_y_mps2", "accelerometer_z_mps2")
 LONGEST = 128
 """Bytes of the longest sentence; what is longer without an end is noise."""
 
@@ -62,18 +66,25 @@ def parse(line: bytes) -> list[str] | None:
 
 
 def encode_position(
-    counter: int, latitude_deg: float, longitude_deg: float, temp_c: float, cabinet_temp_c: float, status: int
+    counter: int,
+    latitude_deg: float,
+    longitude_deg: float,
+    temp_c: float,
+    cabinet_temp_c: float,
+    status: int,
+    force_mps2: Sequence[float] = (),
 ) -> bytes:
-    """Return a $PINS sentence; NaN temperatures are sent empty."""
+    """Return a $PINS sentence, `force_mps2` (3,) or nothing at its end; NaN values are sent empty."""
     around = (longitude_deg + 180.0) % 360.0 - 180.0
     return sentence(
         "PINS",
         str(counter % COUNTER_MODULO),
         f"{latitude_deg:+.8f}",
         f"{around:+.8f}",
-        _temperature(temp_c),
-        _temperature(cabinet_temp_c),
+        _number(temp_c, ".4f"),
+        _number(cabinet_temp_c, ".4f"),
         f"{status:02X}",
+        *(_number(value, "+.7f") for value in force_mps2),
     )
 
 
@@ -81,16 +92,17 @@ class PlatformDecoder:
     """Bytes to rows, incrementally (`drivers.kit.instruments.StreamDecoder`).
 
     Columns, shape (n,): `counter` int64, `status` uint8, `valid` bool (position valid and navigating),
-    `latitude_deg`, `longitude_deg`, `temp_c`, `cabinet_temp_c` float64, NaN where missing. Rejected:
-    `checksum`, `fields` (a sound $PINS sentence that cannot be read), `length` (no end in 128 bytes); answers
-    are passed over.
+    `latitude_deg`, `longitude_deg`, `temp_c`, `cabinet_temp_c` float64, NaN where missing; with `accelerometers`
+    also those of `FORCE`, NaN in a sentence that has none. Rejected: `checksum`, `fields` (a sound $PINS sentence
+    that cannot be read), `length` (no end in 128 bytes); answers are passed over.
     """
 
     counter_modulo = COUNTER_MODULO
     counter_step = 1.0
 
-    def __init__(self, period_s: float) -> None:
+    def __init__(self, period_s: float, *, accelerometers: bool = False) -> None:
         self.counts = StreamCounts()
+        self._accelerometers = accelerometers
         self.nominal_rate_hz = 1.0 / period_s
         self._pending = b""
         self._offset = 0
@@ -114,7 +126,7 @@ class PlatformDecoder:
         self._pending = stream[at:]
         self._offset += at
         self.counts.frames += len(rows)
-        return _batch(rows, ends)
+        return _batch(rows, ends, self._accelerometers)
 
     def _line(self, line: bytes) -> tuple[float, ...] | None:
         start = line.rfind(b"$")  # what stands before is the rest of a sentence whose end was lost
@@ -135,20 +147,21 @@ class PlatformDecoder:
 
 
 def _row(fields: Sequence[str]) -> tuple[float, ...] | None:
-    if len(fields) != 7:
+    if len(fields) not in (7, 10):
         return None
     try:
         counter, status = int(fields[1]), int(fields[6], 16)
         position = [float(text) for text in fields[2:4]]
-        temperatures = [float(text) if text else float("nan") for text in fields[4:6]]
+        temperatures = [float(text or "nan") for text in fields[4:6]]
+        force = [float(text or "nan") for text in fields[7:] or ("", "", "")]
     except ValueError:
         return None
     inside = 0 <= counter < COUNTER_MODULO and abs(position[0]) <= 90.0 and abs(position[1]) <= 180.0
-    return (counter, status, *position, *temperatures) if inside and 0 <= status <= 255 else None
+    return (counter, status, *position, *temperatures, *force) if inside and 0 <= status <= 255 else None
 
 
-def _batch(rows: list[tuple[float, ...]], ends: list[int]) -> FrameBatch:
-    table = np.array(rows, dtype=np.float64).reshape(-1, 6)
+def _batch(rows: list[tuple[float, ...]], ends: list[int], accelerometers: bool) -> FrameBatch:
+    table = np.array(rows, dtype=np.float64).reshape(-1, 9)
     status = table[:, 1].astype(np.uint8)
     columns = {
         "counter": table[:, 0].astype(np.int64),
@@ -159,8 +172,10 @@ def _batch(rows: list[tuple[float, ...]], ends: list[int]) -> FrameBatch:
         "temp_c": table[:, 4],
         "cabinet_temp_c": table[:, 5],
     }
+    if accelerometers:
+        columns |= {name: table[:, 6 + axis] for axis, name in enumerate(FORCE)}
     return FrameBatch(columns, np.array(ends, dtype=np.int64))
 
 
-def _temperature(value_c: float) -> str:
-    return f"{value_c:.4f}" if value_c == value_c else ""
+def _number(value: float, form: str) -> str:
+    return format(value, form) if value == value else ""

@@ -34,7 +34,7 @@ class PlatformEmulator:
         self._plant = plant
         self._serial_number = serial_number
         self._period_s, self._byte_s = period_s, _BITS_A_BYTE / baudrate
-        self._streaming = self._navigating = False
+        self._streaming = self._navigating = self._force = False
         self._next_s = 0.0
         self._counter = 0
         self._line = b""
@@ -69,6 +69,7 @@ class PlatformEmulator:
                 signal.temp_c[at],
                 signal.cabinet_temp_c[at],
                 status,
+                signal.force_mps2[at] if self._force else (),
             )
             self._counter += 1
             parts.append(text)
@@ -87,6 +88,11 @@ class PlatformEmulator:
                 return sentence("PINSE", "PERIOD is whole seconds from 1 to 60")
             self._period_s = int(text)
             return sentence("PINSA", "PERIOD", str(self._period_s))
+        if name == "FORCE":
+            if command[1:] not in (["0"], ["1"]):
+                return sentence("PINSE", "FORCE is 0 or 1")
+            self._force = command[1] == "1"
+            return sentence("PINSA", *command)
         if name == "START":
             self._streaming = True
             self._next_s = self._period_s * math.ceil((now_s + _ANSWER_S) / self._period_s)

@@ -25,6 +25,7 @@ from simulators.lab._core import Lab
 from simulators.lab._line import Line
 from simulators.lab._ports import Port, PtyPort, TcpPort
 from simulators.lab._power import Power, Since
+from simulators.plant.accelerometers import draw_accelerometers
 from simulators.plant.chamber import WEAK_CHAMBER, ChamberParameters
 from simulators.plant.lab_plant import LabPlant, PlantConfig, Unit, UnitConfig, UnitKind
 from simulators.plant.lab_platform import LabPlatform
@@ -166,6 +167,7 @@ def plant_config(config: LabConfig) -> PlantConfig:
                 lean_deg=gyro.lean_deg,
                 aux_sensor=gyro.config.case_sensor or 0,
                 wobble=None if gyro.bearing is None else _wobble(gyro.bearing),
+                on_ground=gyro.on_ground,
                 errors=None if gyro.errors is None else ModelledErrors.from_json(gyro.errors),
             )
             for gyro in config.gyros
@@ -221,7 +223,11 @@ def _platform(platform: PlatformInLab, config: LabConfig, plant: LabPlant) -> St
     if platform.modelled:
         drawn = with_heading_effect(drawn, platform.heading_effect)
     physics = LabPlatform(
-        replace(drawn, start_k=platform.start_k),
+        replace(
+            drawn,
+            start_k=platform.start_k,
+            accelerometers=draw_accelerometers(platform.unit_seed, platform.accelerometers),
+        ),
         config.seed,
         heading_deg,
         longitude_deg=platform.config.longitude_deg,

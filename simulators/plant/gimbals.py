@@ -40,6 +40,37 @@ def about_up(angle_deg: float) -> Array:
     return np.asarray(turned_about(np.array([0.0, 0.0, 1.0]), np.array([math.radians(angle_deg)]))[0])
 
 
+def rotations(vectors: Array) -> Array:
+    """Return the turns exp([v x]) of rotation vectors (n, 3), float64 (n, 3, 3) (Rodrigues)."""
+    x, y, z = vectors.T
+    size = np.sqrt(x * x + y * y + z * z)
+    small = size < 1e-12
+    safe = np.where(small, 1.0, size)
+    first = np.where(small, 1.0, np.sin(safe) / safe)
+    second = np.where(small, 0.5, 2.0 * (np.sin(0.5 * safe) / safe) ** 2)
+    zero = np.zeros_like(x)
+    cross = np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), -1, 0)
+    return np.asarray(np.eye(3) + first[:, None, None] * cross + second[:, None, None] * (cross @ cross))
+
+
+def turned_rad(attitude: Array, earth_rad_per_s: Array, period_s: float) -> Array:
+    """Return the rotation vector of b in inertial space over each interval, rad, float64 (3, n).
+
+    `attitude`: C_n^b at n + 1 edges; `earth_rad_per_s`: the inertial rate of n in its own axes, (3,).
+    """
+    change = attitude[1:] @ rotations(-earth_rad_per_s[None, :] * period_s) @ attitude[:-1].transpose(0, 2, 1)
+    twice = np.stack(
+        [
+            change[:, 1, 2] - change[:, 2, 1],
+            change[:, 2, 0] - change[:, 0, 2],
+            change[:, 0, 1] - change[:, 1, 0],
+        ]
+    )
+    sine = np.minimum(0.5 * np.sqrt((twice**2).sum(axis=0)), 1.0)
+    stretch = np.arcsin(sine) / np.where(sine > 0.0, sine, 1.0)
+    return np.asarray(0.5 * twice * np.where(sine > 0.0, stretch, 1.0))
+
+
 def simpson(values: Array) -> Array:
     """Return means over samples, (n, ...), of values at ends and middles, (2 n + 1, ...)."""
     return np.asarray((values[:-2:2] + 4.0 * values[1::2] + values[2::2]) / 6.0)

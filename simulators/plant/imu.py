@@ -22,7 +22,15 @@ from drivers.base.arrays import Array
 from drivers.base.constants import ARCSEC_RAD, UG_MPS2, gravity_mps2
 from drivers.kit.config import Mounting
 from simulators.interfaces import GyroSignal
-from simulators.plant.gimbals import NORTH_WEST_UP, Gimbals, about_up, earth_rate_rad_s, simpson, turned_about
+from simulators.plant.gimbals import (
+    NORTH_WEST_UP,
+    Gimbals,
+    about_up,
+    earth_rate_rad_s,
+    simpson,
+    turned_about,
+    turned_rad,
+)
 from simulators.plant.ground import MovingGround
 from simulators.plant.mounting import Mount
 from simulators.plant.noise import NoiseSource, SampleNoise, TickNoise
@@ -122,7 +130,8 @@ class ImuUnit:
     ) -> None:
         self.errors, self.noise = errors, noise
         self._gimbals = Gimbals(table)
-        self._ground = ground if ground is not None and not ground.parameters.still else None
+        self._moving = ground if ground is not None and ground.parameters.moves else None
+        self._rocking = ground if ground is not None and ground.parameters.rocks else None
         self._axis = axis
         self._earth = earth_rate_rad_s(latitude_deg)
         self._gravity = np.array([0.0, 0.0, gravity_mps2(latitude_deg)])
@@ -178,8 +187,8 @@ class ImuUnit:
         check_advanced("imu plant", float(times_s[-2]), len(self._temps_c))
         angle, velocity = self._exact(np.maximum(times_s, 0.0), count, period_s)
         self._add_noise(angle, velocity, index, count, times_s[1:-1:2][:count], period_s)
-        if self._ground is not None:
-            velocity += self._pushed(self._ground, np.maximum(times_s[1:-1], 0.0))
+        if self._moving is not None:
+            velocity += self._pushed(self._moving, np.maximum(times_s[1:-1], 0.0))
         held = np.minimum((times_s[3::2][:count] + 1e-9).astype(np.int64), len(self._temps_c) - 1)
         return GyroSignal(self.axes, angle, np.array(self._temps_c)[held], velocity)
 
@@ -187,13 +196,15 @@ class ImuUnit:
         """Return increments without noise, (count, 3) each; `times_s`: half samples, one before and one after."""
         mount = next(matrix for since_s, matrix in reversed(self._mounts) if since_s <= times_s[1])
         angles = self._gimbals.angles_rad(times_s)
+        if len(angles[0]) == 1 and self._rocking is not None:
+            angles = [np.repeat(angle, len(times_s)) for angle in angles]
         if len(angles[0]) == 1:  # all axes stand still
-            rate, force = self._at(angles, mount)
+            rate, force = self._at(angles, mount, times_s[:1])
             none = np.zeros((1, 3))
             w, f = with_errors(rate, force, none, none, self.errors)
             return np.repeat(w * period_s, count, axis=0), np.repeat(f * period_s, count, axis=0)
         inside = [angle[1:-1] for angle in angles]
-        rate, force = self._at(inside, mount)
+        rate, force = self._at(inside, mount, times_s[1:-1])
         half = period_s / 2.0
         spin, speeding = np.zeros((2, 2 * count + 1, 3))
         turned = np.zeros((count, 3))
@@ -202,15 +213,31 @@ class ImuUnit:
             speeding += u * ((angle[2:] - 2.0 * angle[1:-1] + angle[:-2]) / half**2)[:, None]
             # exact for one axis at a time, whose direction in b stands; the middle's direction for more
             turned += u[1::2] * np.diff(angle[1:-1:2])[:, None]
+        if self._rocking is not None:
+            turned += self._rocked(self._rocking, inside, mount, times_s[1:-1], period_s)
         _, measured = with_errors(rate, force, spin, speeding, self.errors)
         still, _ = with_errors(simpson(rate), simpson(force), turned * 0.0, turned * 0.0, self.errors)
         angle = still * period_s + turned @ (np.eye(3) + self.errors.kg).T
         return angle, simpson(measured) * period_s
 
-    def _at(self, angles: Sequence[Array], mount: Array) -> tuple[Array, Array]:
+    def _at(self, angles: Sequence[Array], mount: Array, times_s: Array) -> tuple[Array, Array]:
         """Return Earth rate and specific force in b, (n, 3), at the axes' angles (n,)."""
         c = self._gimbals.attitude(angles, mount)
+        if self._rocking is not None:
+            c = self._rocking.attitude(times_s) @ c
         return np.einsum("nij,i->nj", c, self._earth), np.einsum("nij,i->nj", c, self._gravity)
+
+    def _rocked(
+        self, ground: MovingGround, angles: Sequence[Array], mount: Array, times_s: Array, period_s: float
+    ) -> Array:
+        """Return what b turns through with the ground, rad, (count, 3); too slowly for lever arms and lag.
+
+        `times_s` and `angles` are at ends and middles.
+        """
+        edges = ground.attitude(times_s[::2]).transpose(0, 2, 1)
+        turned = turned_rad(edges, np.zeros(3), period_s).T
+        c = self._gimbals.attitude([angle[1::2] for angle in angles], mount)
+        return np.asarray(np.einsum("nij,ni->nj", c, turned))
 
     def _pushed(self, ground: MovingGround, times_s: Array) -> Array:
         """Return what accelerometers gain in samples whose ends and middles are `times_s`, (count, 3), as the

@@ -52,7 +52,7 @@ class UnitConfig:
     glued to its case, 0 for none. `mounting` None: its axis horizontal, an IMU z up.
     `wobble`: the bearing that an `ins_triad` turns in, None for the nominal one of
     its seed; other units turn in a perfect one. `errors`: those of a fitted model instead of the unit's own; the
-    thermal network stays.
+    thermal network stays. `on_ground`: it stands beside the table and does not turn with it.
     """
 
     name: str
@@ -67,6 +67,7 @@ class UnitConfig:
     change: Callable[[UnitModel], UnitModel] | None = None
     wobble: Wobble | None = None
     errors: ModelledErrors | None = None
+    on_ground: bool = False
 
 
 @dataclass(frozen=True)
@@ -118,6 +119,7 @@ class LabPlant:
             parts = (config.table, NoiseSource(config.seed, owner))
             wanted = name == carrier and says_of(shared, "table_angle", "table_rate")
             self.tables[name] = ModelledTable(*parts, shared) if wanted else TableAxis(*parts)
+        self._ground = MovingGround(config.ground, NoiseSource(config.seed, "ground"))
         self._units: dict[str, Unit] = {}
         self._power_ons: dict[str, int] = {}
         self._ticks = 0
@@ -209,6 +211,9 @@ class LabPlant:
                 expected=" or ".join(MOUNTINGS),
             )
         source = NoiseSource(self.config.seed, f"unit {config.name}")
+        axes = [(direction, self.tables[name]) for name, direction in self.config.axes]
+        if config.on_ground:  # as on a table that nobody ever turns
+            axes = [("up", TableAxis(self.config.table, source))]
         if config.model in ("imu", "imu_full"):
             if config.errors is not None:
                 raise ConfigurationError(
@@ -222,19 +227,18 @@ class LabPlant:
             imu = ImuUnit(
                 imu_errors(config.unit_seed, full, self.config.imu_error_scale),
                 imu_noise(full),
-                [(direction, self.tables[name]) for name, direction in self.config.axes],
+                axes,
                 self.config.latitude_deg,
                 source,
                 axis=config.axis,
                 azimuth_error_deg=config.mount_azimuth_error_deg,
-                ground=MovingGround(self.config.ground, NoiseSource(self.config.seed, "ground")),
+                ground=self._ground,
             )
             if config.mounting is not None:
                 imu.mount(0.0, config.mounting)
             imu.start(self.config.room_temp_c)
             self._units[config.name] = imu
             return
-        axes = [(direction, self.tables[name]) for name, direction in self.config.axes]
         upright = [direction for direction, _ in axes] == ["up"]
         if not upright and (config.model == "ins_triad" or config.errors is not None):
             raise ConfigurationError(
@@ -248,14 +252,14 @@ class LabPlant:
         mount = Mount(
             lying, config.mount_azimuth_error_deg, config.tilt_deg, config.axis, 0.0, config.lean_deg
         )
-        whirling = config.model == "ins_triad"
+        whirling = config.model == "ins_triad" and not config.on_ground
         if whirling:
             mount = replace(mount, mounting="z_up")
-        parts = (unit_model(config, self.config.seed), mount, self.table, self.config.latitude_deg, source)
+        parts = (unit_model(config, self.config.seed), mount, axes[-1][1], self.config.latitude_deg, source)
         unit = (
-            WhirlingUnit(*parts, config.wobble or nominal_wobble(config.unit_seed))
+            WhirlingUnit(*parts, config.wobble or nominal_wobble(config.unit_seed), ground=self._ground)
             if whirling
-            else GyroUnit(*parts, gimbals=None if upright else Gimbals(axes))
+            else GyroUnit(*parts, gimbals=None if upright else Gimbals(axes), ground=self._ground)
         )
         unit.start(self.config.room_temp_c)
         self._units[config.name] = unit

@@ -14,12 +14,16 @@ from simulators.plant.space_stable import Navigation, PlatformParameters, SpaceS
 
 @dataclass(frozen=True, eq=False)
 class PlatformSignal:
-    """What the unit computed and measured at sample times, shape (n,) each; NaN temperature: sensor dead."""
+    """What the unit computed and measured at sample times, shape (n,) each; NaN temperature: sensor dead.
+
+    `force_mps2` (n, 3): specific force by its accelerometers, in the platform's axes.
+    """
 
     latitude_deg: Array
     longitude_deg: Array
     temp_c: Array
     cabinet_temp_c: Array
+    force_mps2: Array
 
 
 class LabPlatform:
@@ -44,7 +48,7 @@ class LabPlatform:
         self._plant = SpaceStablePlatform(
             parameters, seed, step_s, angle_rad=math.radians(longitude_deg), navigation=navigation
         )
-        self._rows = np.empty((0, 5))
+        self._rows = np.empty((0, 8))
         self._steps = 0
 
     def align(self, now_s: float) -> None:
@@ -53,10 +57,10 @@ class LabPlatform:
         self._plant.align()
 
     def measure(self, times_s: Array) -> PlatformSignal:
-        """Return position and temperatures at `times_s`, shape (n,)."""
+        """Return position, temperatures and specific force at `times_s`, shape (n,)."""
         self._advance(float(times_s[-1]))
-        time_s, north, east, temp, cabinet = (
-            np.interp(times_s, self._rows[:, 0], self._rows[:, column]) for column in range(5)
+        time_s, north, east, temp, cabinet, *force = (
+            np.interp(times_s, self._rows[:, 0], self._rows[:, column]) for column in range(8)
         )
         self._rows = self._rows[self._rows[:, 0] >= time_s[-1] - 2.0 * self._step_s]
         level = math.cos(math.radians(self._latitude_deg))
@@ -65,6 +69,7 @@ class LabPlatform:
             longitude_deg=self._longitude_deg + east / 3600.0 / level,
             temp_c=temp,
             cabinet_temp_c=cabinet,
+            force_mps2=np.stack(force, axis=1),
         )
 
     def _advance(self, to_s: float) -> None:
@@ -74,5 +79,5 @@ class LabPlatform:
             return
         self._steps = last + 1
         moved = self._plant.advance(np.array([self._heading_deg(min(time_s, to_s)) for time_s in times]))
-        rows = np.stack([moved.time_s, moved.north_as, moved.east_as, moved.temp_c, moved.ambient_c], axis=1)
-        self._rows = np.concatenate([self._rows, rows])
+        scalars = (moved.time_s, moved.north_as, moved.east_as, moved.temp_c, moved.ambient_c)
+        self._rows = np.concatenate([self._rows, np.column_stack([*scalars, moved.force_mps2])])

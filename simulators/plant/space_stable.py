@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from drivers.base.arrays import Array
-from drivers.base.constants import EARTH_RATE_RAD_S, SIDEREAL_DAY_S
+from drivers.base.constants import ARCSEC_RAD, EARTH_RATE_RAD_S, SIDEREAL_DAY_S, gravity_mps2
+from simulators.plant.accelerometers import AccelerometerErrors
 from simulators.plant.noise import follow
 from simulators.plant.platform_navigation import PlatformNavigator
 
@@ -67,6 +68,7 @@ class PlatformParameters:
     white_as: float = 1.0
     slow_as: float = 2.0
     slow_h: float = 1.5
+    accelerometers: AccelerometerErrors = field(default_factory=AccelerometerErrors)
 
     def quiet(self) -> PlatformParameters:
         """Return the same platform without noise, offsets and ambient changes."""
@@ -81,7 +83,7 @@ class PlatformSamples:
     longitude.
 
     `temp_c` is what its sensor says, `core_c` the gyros'; `thermal_dph` the drift that temperature makes,
-    `phi_as` the whole misalignment.
+    `phi_as` the whole misalignment; `force_mps2` specific force by the accelerometers, in the platform's axes.
     """
 
     time_s: Array
@@ -94,6 +96,7 @@ class PlatformSamples:
     core_c: Array
     thermal_dph: Array
     phi_as: Array
+    force_mps2: Array
 
 
 def draw_platform(
@@ -214,7 +217,7 @@ class SpaceStablePlatform:
         self._navigation = navigation
         self._navigator: PlatformNavigator | None = None
         self._aligned = False
-        self._random = [np.random.default_rng([seed, index]) for index in range(6)]
+        self._random = [np.random.default_rng([seed, index]) for index in range(8)]
         self._lags: dict[str, Array] = {}
         self._phi, self._drift = np.zeros(3), np.zeros(3)
         self._calibrated = np.zeros(3)
@@ -252,6 +255,7 @@ class SpaceStablePlatform:
         drift = thermal + wander + stepped
         phi = self._misalignment(drift)
         offset = self._by_heading(heading_deg, p.offset_as, 8)
+        force = self._force(angle, phi, true_c, np.radians(heading_deg))
         north, east = self._position(angle, phi + offset)
         noise = p.white_as * self._random[2].standard_normal((count, 2))
         noise = noise + self._wander("position", 3, count, p.slow_as, p.slow_h, axes=2)
@@ -267,7 +271,22 @@ class SpaceStablePlatform:
             core_c=core,
             thermal_dph=thermal,
             phi_as=phi + offset,
+            force_mps2=force,
         )
+
+    def _force(self, angle: Array, phi_as: Array, true_c: Array, heading: Array) -> Array:
+        """Return what the accelerometers measure, m/s2, (n, 3), on a platform turned by small angles `phi_as`."""
+        errors, count = self.parameters.accelerometers, len(angle)
+        vertical = _vertical(angle, self.parameters.latitude_deg)
+        turned = vertical + np.cross(phi_as * ARCSEC_RAD, vertical)
+        turned /= np.linalg.norm(turned, axis=1, keepdims=True)  # a turn does not change the modulus
+        gravity = gravity_mps2(self.parameters.latitude_deg)
+        force = errors.measured(gravity * turned, true_c - SET_POINT_C, heading)
+        # the mean of a step's white noise; the density is one-sided
+        white = errors.white_mps2_per_sqrt_hz / math.sqrt(2.0 * self.step_s)
+        force += white * self._random[6].standard_normal((count, 3))
+        wander: Array = self._wander("force", 7, count, errors.wander_mps2, errors.wander_h, axes=3)
+        return force + wander
 
     def _drive(self, p: PlatformParameters, angle: Array, heading_deg: Array) -> Array:
         body = _body_axes(angle, np.radians(heading_deg), math.radians(p.latitude_deg))
@@ -276,9 +295,7 @@ class SpaceStablePlatform:
         return drive
 
     def _thermal(self, p: PlatformParameters, name: str, angle: Array, core_c: Array) -> Array:
-        latitude = math.radians(p.latitude_deg)
-        level, up = math.cos(latitude), math.sin(latitude)
-        vertical = np.stack([level * np.cos(angle), level * np.sin(angle), np.full_like(angle, up)], axis=1)
+        vertical = _vertical(angle, p.latitude_deg)
         x = (core_c - SET_POINT_C)[:, None]
         before = self._lags.get(name + "last core", core_c[:1])
         self._lags[name + "last core"] = core_c[-1:]
@@ -357,6 +374,13 @@ class SpaceStablePlatform:
             phi[:, 0] * sine - phi[:, 1] * cosine,
             phi[:, 2] * math.cos(latitude) - tilt * math.sin(latitude),
         )
+
+
+def _vertical(angle: Array, latitude_deg: float) -> Array:
+    """Return the direction up in inertial axes, (n, 3)."""
+    latitude = math.radians(latitude_deg)
+    level, up = math.cos(latitude), math.sin(latitude)
+    return np.stack([level * np.cos(angle), level * np.sin(angle), np.full_like(angle, up)], axis=1)
 
 
 def _body_axes(angle: Array, heading: Array, latitude: float) -> Array:

@@ -22,7 +22,9 @@ from drivers.base.errors import ConfigurationError
 from drivers.kit.config import Mounting
 from simulators.effects import SamplePath
 from simulators.interfaces import GyroSignal
-from simulators.plant.gimbals import NORTH_WEST_UP, Gimbals, about_up, simpson
+from simulators.plant.gimbals import NORTH_WEST_UP, Gimbals, about_up, earth_rate_rad_s, simpson
+from simulators.plant.gimbals import turned_rad as turned_between
+from simulators.plant.ground import MovingGround
 from simulators.plant.model import UnitModel
 from simulators.plant.mounting import Mount, turned_rad
 from simulators.plant.noise import BLOCK, GyroNoise, NoiseSource, flicker
@@ -74,7 +76,8 @@ class GyroUnit:
     """A unit (see `simulators.interfaces.GyroPlant`), switched on at 0 s at the room's temperature.
 
     `table`: the axis that carries it; `gimbals`: all of them, unless that is the only one, and up. Mountings are
-    told with all axes at 0. Its accelerometers, and the gyros that the model lacks, are without errors.
+    told with all axes at 0. Its accelerometers, and the gyros that the model lacks, are without errors. `ground`:
+    what turns below the table, None for a floor at rest.
     """
 
     def __init__(
@@ -86,11 +89,13 @@ class GyroUnit:
         source: NoiseSource,
         *,
         gimbals: Gimbals | None = None,
+        ground: MovingGround | None = None,
     ) -> None:
         self.model = model
         self.axes = mount.axis if len(model.axes) == 1 else model.axes
         self._own = ["xyz".index(axis) for axis in self.axes]
         self._table, self._gimbals = table, gimbals
+        self._ground = ground if ground is not None and ground.parameters.rocks else None
         self._latitude_deg = latitude_deg
         self._mounts = [(0.0, mount, mount.axes_in_table())]
         self._flicker = [
@@ -200,6 +205,10 @@ class GyroUnit:
 
     def _motion(self, edges_s: Array, middle_s: Array, period_s: float) -> tuple[Array, Array]:
         """Return what x, y, z truly turn through an interval, and their velocity; rad, m/s, float64 (3, n)."""
+        times_s = np.empty(2 * len(middle_s) + 1)
+        times_s[::2], times_s[1::2] = edges_s, middle_s
+        if self._ground is not None:
+            return self._rocked(times_s, period_s)
         velocity = np.empty((3, len(middle_s)))
         gravity = gravity_mps2(self._latitude_deg) * period_s
         if self._gimbals is None or self._gimbals.upright(edges_s):
@@ -207,8 +216,6 @@ class GyroUnit:
                 velocity[:, first:] = gravity * matrix[:, 2:]
             return self._turned(edges_s, middle_s, period_s), velocity
         turned = np.empty_like(velocity)
-        times_s = np.empty(2 * len(middle_s) + 1)
-        times_s[::2], times_s[1::2] = edges_s, middle_s
         for first, mount, matrix in self._mounts_from(middle_s):
             lines = about_up(mount.azimuth_error_deg) @ NORTH_WEST_UP @ matrix.T
             rest_s = times_s[2 * first :]
@@ -216,6 +223,34 @@ class GyroUnit:
             up = self._gimbals.attitude(self._gimbals.angles_rad(rest_s), lines)[:, 2]
             velocity[:, first:] = gravity * (up if len(up) == 1 else simpson(up)).T
         return turned, velocity
+
+    def _rocked(self, times_s: Array, period_s: float) -> tuple[Array, Array]:
+        """Return what `_motion` does, on a ground that turns; `times_s`: ends and middles, (2 n + 1,)."""
+        assert self._ground is not None
+        turned = np.empty((3, len(times_s) // 2))
+        velocity = np.empty_like(turned)
+        gravity = gravity_mps2(self._latitude_deg) * period_s
+        c = self._ground.attitude(times_s) @ self._attitude(times_s)
+        angle = turned_between(c[::2].transpose(0, 2, 1), earth_rate_rad_s(self._latitude_deg), period_s)
+        up = simpson(c[:, 2]).T
+        for first, _, matrix in self._mounts_from(times_s[1::2]):
+            sensed = self._sensed(matrix)
+            turned[:, first:] = sensed @ angle[:, first:]
+            velocity[:, first:] = gravity * sensed @ up[:, first:]
+        return turned, velocity
+
+    def _attitude(self, times_s: Array) -> Array:
+        """Return C of what carries the unit: its own axes to east, north, up of the ground, (n, 3, 3).
+
+        Times do not go back from call to call.
+        """
+        gimbals = self._gimbals or Gimbals([("up", self._table)])
+        level = about_up(self._mounts[0][1].azimuth_error_deg) @ NORTH_WEST_UP
+        return gimbals.attitude(gimbals.angles_rad(times_s), level)
+
+    def _sensed(self, matrix: Array) -> Array:
+        """Return what is sensed as x, y, z in the axes of `_attitude`, (3, 3)."""
+        return matrix
 
     def _turned(self, edges_s: Array, middle_s: Array, period_s: float) -> Array:
         """Return the true angle each of x, y, z turns through on a table whose axis points up, rad, (3, n)."""

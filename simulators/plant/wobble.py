@@ -23,6 +23,8 @@ from drivers.base.arrays import Array
 from drivers.base.constants import ARCSEC_RAD, earth_rate_north_dph, earth_rate_up_dph
 from drivers.base.errors import ConfigurationError
 from drivers.kit.config import Mounting
+from simulators.plant.gimbals import NORTH_WEST_UP, about_up, rotations, turned_rad
+from simulators.plant.ground import MovingGround
 from simulators.plant.model import UnitModel
 from simulators.plant.mounting import Mount
 from simulators.plant.noise import NoiseSource
@@ -95,28 +97,8 @@ def play(angle_rad: Array, travel_rad: float, start: float) -> Array:
 
 def body_to_carried(angle_rad: Array, tilt_rad: NDArray[np.complex128]) -> Array:
     """Return C_b^s' as float64 (n, 3, 3): the turn about z after the tilt, both exact rotations."""
-    return np.asarray(
-        _about_z(angle_rad) @ _rotations(-tilt_rad.real, -tilt_rad.imag, np.zeros(len(tilt_rad)))
-    )
-
-
-def turned_rad(attitude: Array, earth_rad_per_s: Array, period_s: float) -> Array:
-    """Return the rotation vector of s' in inertial space over each interval, rad, float64 (3, n).
-
-    `attitude`: C_b^s' at n + 1 edges; `earth_rad_per_s`: the body's own inertial rate in body axes, (3,).
-    """
-    x, y, z = (np.array([value * period_s]) for value in earth_rad_per_s)
-    change = attitude[1:] @ _rotations(-x, -y, -z) @ attitude[:-1].transpose(0, 2, 1)
-    twice = np.stack(
-        [
-            change[:, 1, 2] - change[:, 2, 1],
-            change[:, 2, 0] - change[:, 0, 2],
-            change[:, 0, 1] - change[:, 1, 0],
-        ]
-    )
-    sine = np.minimum(0.5 * np.sqrt((twice**2).sum(axis=0)), 1.0)
-    stretch = np.arcsin(sine) / np.where(sine > 0.0, sine, 1.0)
-    return np.asarray(0.5 * twice * np.where(sine > 0.0, stretch, 1.0))
+    tilt = np.stack([tilt_rad.real, tilt_rad.imag, np.zeros(len(tilt_rad))], axis=1)
+    return np.asarray(_about_z(angle_rad) @ rotations(-tilt))
 
 
 class WhirlingUnit(GyroUnit):
@@ -135,8 +117,10 @@ class WhirlingUnit(GyroUnit):
         latitude_deg: float,
         source: NoiseSource,
         wobble: Wobble,
+        *,
+        ground: MovingGround | None = None,
     ) -> None:
-        super().__init__(model, mount, table, latitude_deg, source)
+        super().__init__(model, mount, table, latitude_deg, source, ground=ground)
         self._wobble = wobble
         self._earth = _earth_in_body(mount, latitude_deg)
         self._slack = 0.0
@@ -151,13 +135,30 @@ class WhirlingUnit(GyroUnit):
 
     def _turned(self, edges_s: Array, middle_s: Array, period_s: float) -> Array:
         """Return the true angle each axis turned through in each interval, rad, float64 (3, n)."""
-        angles = np.radians(self._table.total_angles_deg(edges_s))
-        if len(angles) != len(edges_s):  # a table at rest answers with two equal angles
-            angles = np.full(len(edges_s), angles[0])
+        return self._misaligned(turned_rad(self._in_bearing(edges_s), self._earth, period_s))
+
+    def _rocked(self, times_s: Array, period_s: float) -> tuple[Array, Array]:
+        turned, velocity = super()._rocked(times_s, period_s)
+        return self._misaligned(turned), velocity
+
+    def _attitude(self, times_s: Array) -> Array:
+        mount = self._mounts[0][1]
+        to_level = about_up(mount.azimuth_error_deg) @ NORTH_WEST_UP @ mount.axes_in_table().T
+        return np.asarray(to_level @ self._in_bearing(times_s).transpose(0, 2, 1))
+
+    def _sensed(self, matrix: Array) -> Array:
+        return np.eye(3)
+
+    def _in_bearing(self, times_s: Array) -> Array:
+        """Return C_b^s' at times that do not go back, (n, 3, 3)."""
+        angles = np.radians(self._table.total_angles_deg(times_s))
+        if len(angles) != len(times_s):  # a table at rest answers with two equal angles
+            angles = np.full(len(times_s), angles[0])
         slack = play(angles, math.radians(self._wobble.play_travel_deg), self._slack)
         self._slack = float(slack[-1])
-        attitude = body_to_carried(angles, self._wobble.tilt_rad(angles, slack))
-        turned = turned_rad(attitude, self._earth, period_s)
+        return body_to_carried(angles, self._wobble.tilt_rad(angles, slack))
+
+    def _misaligned(self, turned: Array) -> Array:
         for axis, angle_arcsec in enumerate(self._wobble.misalignment_arcsec):
             turned[axis] += angle_arcsec * ARCSEC_RAD * turned[2]
         return turned
@@ -176,15 +177,3 @@ def _about_z(angle_rad: Array) -> Array:
     sin, cos = np.sin(angle_rad), np.cos(angle_rad)
     zero, one = np.zeros_like(sin), np.ones_like(sin)
     return np.moveaxis(np.array([[cos, sin, zero], [-sin, cos, zero], [zero, zero, one]]), -1, 0)
-
-
-def _rotations(x: Array, y: Array, z: Array) -> Array:
-    """Return exp([v x]) for vectors with components x, y, z, float64 (n, 3, 3) (Rodrigues)."""
-    size = np.sqrt(x * x + y * y + z * z)
-    small = size < 1e-12
-    safe = np.where(small, 1.0, size)
-    first = np.where(small, 1.0, np.sin(safe) / safe)
-    second = np.where(small, 0.5, 2.0 * (np.sin(0.5 * safe) / safe) ** 2)
-    zero = np.zeros_like(x)
-    cross = np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), -1, 0)
-    return np.asarray(np.eye(3) + first[:, None, None] * cross + second[:, None, None] * (cross @ cross))

@@ -9,6 +9,7 @@ import pytest
 from bench.analysis.gap._position import is_platform_run, load_platform_run
 from bench.analysis.gap._run_folder import load_gap_runs
 from bench.analysis.heading import load_log, site_of_run, stays
+from bench.analysis.heading._modulus import modulus_test
 from bench.control.procedure import find_procedure
 from bench.control.questions import AssumeYes
 from bench.control.runner import RunRequest, run_procedure
@@ -16,8 +17,10 @@ from bench.lab.emulated import EmulatedLab, Plant, unit_seed
 from bench.present.cli.gap._diagnose import diagnose
 from bench.record.benchfile import load_bench_file
 from bench.record.recording import Run, read_table
-from drivers.base.constants import SIDEREAL_DAY_S
+from drivers.base.constants import SIDEREAL_DAY_S, UG_MPS2
 from drivers.base.errors import ConfigurationError, RecordError
+from simulators.config import Accelerometers
+from simulators.plant.accelerometers import draw_accelerometers
 from simulators.plant.space_stable import SpaceStablePlatform, draw_platform
 
 PLATFORM_BENCH = """
@@ -120,6 +123,26 @@ def test_the_run_folder_is_a_log_for_the_fit(heading_run):
     assert log.time_s[np.argmax(aligned)] - log.time_s[0] <= SIDEREAL_DAY_S
     with pytest.raises(RecordError, match="not a run folder"):
         site_of_run(heading_run.parent)
+
+
+def test_the_modulus_of_specific_force_is_tested_from_the_record(bench, tmp_path):
+    """From the bench file to the test, with accelerometers that pull with heading."""
+    path = tmp_path / "platform.toml"
+    path.write_text(PLATFORM_BENCH + "accelerometers = true\n")
+    sizes, procedure = Accelerometers(heading_ug=30.0), find_procedure("heading-change")
+    with EmulatedLab(load_bench_file(path), Plant(seed=3, accelerometers={"PINS-001": sizes})) as lab:
+        asked = {"headings_deg": "0, 180", "stays_h": "24", "warm_up_h": 0, "telemetry_s": 60}
+        told = {"seed": 3, "model": "platform"}
+        run = run_procedure(
+            RunRequest(procedure, procedure.parse(asked), lab.file, tmp_path, AssumeYes(), emulated=told)
+        )
+    assert bench.problems(run.folder) == []
+    test = modulus_test(load_log(run.folder, site_of_run(run.folder))[0])
+    assert test is not None and test.changed
+    # b = -2 m at 180 deg, and |f| changes by u . b: up times z, level times x and y
+    pull = -2.0 * draw_accelerometers(unit_seed("PINS-001"), sizes).heading_mps2[0] / UG_MPS2
+    level, up = np.cos(np.radians(40.0)), np.sin(np.radians(40.0))
+    assert test.change_ug[0] == pytest.approx(pull[[2, 0, 1]] * [up, level, level], abs=6.0)
 
 
 @pytest.mark.parametrize(

@@ -152,7 +152,7 @@ def test_a_plant_file_is_told_all_that_is_wrong_with_it(tmp_path):
     said = str(refused.value)
     assert "3 mistakes in the plant file" in said and "pydantic" not in said
     assert "adapter_batch_ms.fog_1: found 0, expected greater than 0" in said
-    assert "sed: found an unknown key, expected one of actual, adapter_batch_ms" in said
+    assert "sed: found an unknown key, expected one of accelerometers, actual" in said
     assert "fault.0.when: found an unknown key, expected one of at_s, count, duration_s" in said
     (tmp_path / "field.toml").write_text("[ground]\nsway_ms = 1e-3\n")
     with pytest.raises(ConfigurationError) as refused:

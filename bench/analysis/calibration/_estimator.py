@@ -215,5 +215,6 @@ def rest_intervals(track: Track, options: Options) -> NDArray[np.bool_]:
             "the record is no calibration",
             found=f"{rests} rest{'s' if rests != 1 else ''} of the table",
             expected="a record that starts at rest and holds a rest after every turn",
+            remedy="" if rests < 2 else "a base that rocks by more than 0.02 deg/s looks like a turn",
         )
     return resting

@@ -72,20 +72,34 @@ def compensate(data: Increments, parameters: Array) -> Increments:
 
 
 def align(data: Increments, duration_s: float) -> Array:
-    """Return C (3, 3) of a record that starts at rest: up from the accelerometers, east = Earth rate x up.
+    """Return C (3, 3) at the first sample of a record that starts at rest, on a base that may rock.
+
+    In axes that are the unit's at first and turn by the mean rate of its gyros, specific force is up. If the base
+    has rocked, that rate is not the Earth's: up turns there, and the velocity gained is a parabola in time. That
+    turn and the mean rate together are east = Earth rate x up.
 
     RecordError if it shows no Earth rate or no gravity, or if it turns meanwhile.
     """
-    count = max(1, round(duration_s / data.period_s))
-    rate = data.angle_rad[:count].mean(axis=0) / data.period_s
-    force = data.velocity_mps[:count].mean(axis=0) / data.period_s
+    pairs = max(2, round(0.5 * duration_s / data.period_s))
+    coned, sculled = _pairs(data, pairs)
+    time_s = 2.0 * data.period_s * np.arange(pairs + 1)
+    mean = coned.mean(axis=0) / (2.0 * data.period_s)
+    rate = float(np.linalg.norm(mean))
+    turned = running_rotation(coned)[:-1]
+    if rate > 0.0:
+        # what a pair of samples gains lies along the middle of it
+        middle_rad = np.asarray(-rate * (time_s[:-1] + data.period_s), dtype=np.float64)
+        turned = rotation(mean / rate, middle_rad) @ turned
+    gained = np.einsum("nij,nj->ni", turned, sculled)
+    velocity = np.concatenate([np.zeros((1, 3)), np.cumsum(gained, axis=0)])
+    _, force, turning = np.linalg.lstsq(np.vander(time_s, 3, increasing=True), velocity, rcond=None)[0]
     up = force / np.linalg.norm(force)
-    east = np.cross(rate, up)
-    if not 9.0 < np.linalg.norm(force) < 10.6 or np.linalg.norm(east) < 1e-6 or np.linalg.norm(rate) > 1e-3:
+    east = np.cross(mean, up) + 2.0 * (turning - up * (turning @ up)) / np.linalg.norm(force)
+    if not 9.0 < np.linalg.norm(force) < 10.6 or np.linalg.norm(east) < 1e-6 or rate > 1e-3:
         raise RecordError(
             "the record does not start at rest, or its units are wrong",
             where=f"first {duration_s:g} s",
-            found=f"{np.linalg.norm(force):.4g} m/s^2, {np.degrees(np.linalg.norm(rate)):.4g} deg/s",
+            found=f"{np.linalg.norm(force):.4g} m/s^2, {np.degrees(rate):.4g} deg/s",
             expected="9.8 m/s^2 and the Earth's 0.0042 deg/s",
             remedy="start recording with the table at rest; check scale factors and axes in the configuration",
         )
@@ -93,18 +107,26 @@ def align(data: Increments, duration_s: float) -> Array:
     return np.array([east, np.cross(up, east), up])
 
 
+def _pairs(data: Increments, count: int) -> tuple[Array, Array]:
+    """Return what the first `count` pairs of samples turn by, coning removed, and gain in axes of their start."""
+    w = data.angle_rad[: 2 * count].reshape(count, 2, 3)
+    v = data.velocity_mps[: 2 * count].reshape(count, 2, 3)
+    theta, total = w.sum(axis=1), v.sum(axis=1)
+    turned = np.cross(theta, total)
+    sculled = total + turned / 2.0 + np.cross(theta, turned) / 6.0
+    sculled += 2.0 / 3.0 * (np.cross(w[:, 0], v[:, 1]) + np.cross(v[:, 0], w[:, 1]))
+    return theta + 2.0 / 3.0 * np.cross(w[:, 0], w[:, 1]), sculled
+
+
 def navigate(data: Increments, attitude: Array, site: Site) -> Track:
     """Return the track of a record from C (3, 3) at zero velocity; a part of a second at the end is left out."""
     step = 2.0 * data.period_s
     a_second = max(1, round(INTERVAL_S / step))
     count = len(data.angle_rad) // (2 * a_second) * a_second
-    w = data.angle_rad[: 2 * count].reshape(count, 2, 3)
-    v = data.velocity_mps[: 2 * count].reshape(count, 2, 3)
-    theta, total = w.sum(axis=1), v.sum(axis=1)
-    coned = theta + 2.0 / 3.0 * np.cross(w[:, 0], w[:, 1])
-    turned = np.cross(theta, total)
-    sculled = total + turned / 2.0 + np.cross(theta, turned) / 6.0
-    sculled += 2.0 / 3.0 * (np.cross(w[:, 0], v[:, 1]) + np.cross(v[:, 0], w[:, 1]))
+    coned, sculled = _pairs(data, count)
+    theta, total = (
+        values[: 2 * count].reshape(count, 2, 3).sum(axis=1) for values in (data.angle_rad, data.velocity_mps)
+    )
 
     earth = site.earth_rate_rad_s
     rate = float(np.linalg.norm(earth))

@@ -2,7 +2,8 @@
 
 White noise is read off the rests: first differences of means of 1 s know nothing of slow wander, nor of what is
 estimated. Gyro: var = 2 N^2. Accelerometer: each second gains white noise V and the jitter J of the table's
-velocity at its two ends, a moving average: cov at lag 1 = -J^2, var = V^2 + 2 J^2. Wander shows in the
+velocity at its two ends, a moving average: cov at lag 1 = -J^2, var = V^2 + 2 J^2. A base that rocks is no gyro
+noise: its differences are not white, and shorter means show less of it. Wander shows in the
 innovations of the filter only, through turns: there the likelihood of a Markov wander is held against none.
 """
 
@@ -49,6 +50,9 @@ _UNSEEN = 0.15
 """Scatter of the accelerometer noise found, over what was told, beyond which the record does not show it."""
 _VIOLATED = 3.0
 _ROUNDS = 4
+_FINER, _FEWEST = (2, 4, 8, 16), 5
+"""Parts of a second whose means are tried on a base that rocks, of so many samples at least: a unit's own filter
+is a few samples long."""
 
 
 @dataclass(frozen=True)
@@ -188,13 +192,12 @@ def rest_noise(data: Increments, resting: NDArray[np.bool_], told: Noise) -> Noi
     Jitter is at least a hundredth of what was told: a table has some, and the filter needs some.
     """
     samples = round(1.0 / data.period_s)
-    angle, velocity = data.sums(samples, len(resting))
-    gyro, after, neighbour, count = 0.0, 0.0, 0.0, 0
+    _, velocity = data.sums(samples, len(resting))
+    after, neighbour, count = 0.0, 0.0, 0
     for start, stop in stretches(resting):
-        a, v = angle[start + 1 : stop - 1], velocity[start + 1 : stop - 1]
-        if len(a) < 10:
+        v = velocity[start + 1 : stop - 1]
+        if len(v) < 10:
             continue
-        gyro += float((np.diff(a, axis=0) ** 2).sum()) / 2.0
         step = np.diff(v, axis=0)
         after += float((step**2).sum())
         neighbour += float((step[1:] * step[:-1]).sum()) * (len(step) / (len(step) - 1))
@@ -208,10 +211,38 @@ def rest_noise(data: Increments, resting: NDArray[np.bool_], told: Noise) -> Noi
         # The table's jitter hides the accelerometers' noise, or is not white: what was told of them stands.
         white2, jitter2 = told2, (variance - 2.0 * told2) / 6.0
     return Noise(
-        math.degrees(math.sqrt(gyro / count)) * 60.0,
+        math.degrees(_gyro_noise(data, resting)) * 60.0,
         math.sqrt(max(white2, 0.01 * told2)) / UG_MPS2,
         max(math.sqrt(max(jitter2, 0.0)), 0.01 * told.velocity_mps),
     )
+
+
+def _gyro_noise(data: Increments, resting: NDArray[np.bool_]) -> float:
+    """Return the gyros' white noise in the rests, rad/sqrt(s)."""
+    density2, neighbours, count = _differences(data, resting, 1)
+    if abs(neighbours + 0.5) * math.sqrt(count) > _LAG_SIGMA:  # differences of white noise have -1/2
+        finer = [parts for parts in _FINER if round(1.0 / data.period_s) >= _FEWEST * parts]
+        density2 = min([density2, *(_differences(data, resting, parts)[0] for parts in finer)])
+    return math.sqrt(density2)
+
+
+def _differences(data: Increments, resting: NDArray[np.bool_], parts: int) -> tuple[float, float, int]:
+    """Return the density by differences of means over so many parts of a second, rad^2/s, the correlation of
+    neighbours among them, and how many there are.
+    """
+    samples = round(1.0 / data.period_s) // parts
+    each_s = samples * data.period_s
+    square, product, count = 0.0, 0.0, 0
+    for start, stop in stretches(resting):
+        first, last = (round(at / each_s) for at in (start + 1, stop - 1))
+        angle = data.angle_rad[first * samples : last * samples]
+        if stop - start < 12:
+            continue
+        step = np.diff(angle.reshape(-1, samples, 3).sum(axis=1), axis=0)
+        square += float((step**2).sum())
+        product += float((step[1:] * step[:-1]).sum())
+        count += step.size
+    return square / count / 2.0 / each_s, product / square, count
 
 
 def best_wander(likelihood: Callable[[BiasWander | None], float]) -> tuple[BiasWander | None, float]:

@@ -3,17 +3,21 @@
 The gyros feel the base's rate W in axes that turn with the table: (Wx + j Wy) e^(-j psi) about x and y, Wz
 about z. The reference's mean is taken off first, since its bias and the Earth's rate stay for the fit, as on a
 base that stands. By how much its clock is late, and how its axes lie and scale against the gyros (a complex
-coefficient for each of its three), is found from the record: the base moves by what the table does not.
+coefficient for each of its three), is found from the record, together with the whirl's lines: where the base
+moves at the frequency of a line, that line would else count as the base's. It is found from means over half a
+period of the highest line: an engine has many times the rate of a sway and says nothing of what the lines need.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from bench.analysis.whirl._angle import Alignment, align_angle
+from bench.analysis.whirl._lines import HIGHEST
 from bench.analysis.whirl._types import Complex, Finding, UnfitRotation
 from bench.record.exchange import read_table
 from drivers.base.arrays import Array
@@ -74,8 +78,8 @@ class BaseMotion:
 class BaseFit:
     """How the reference lay on the gyros. `crooked`, complex (3,): what of its x, y, z has to be added, 1.
 
-    `before_dps`, `after_dps`: rms of the gyros' rate in the base's axes about its mean. `yaw_share`: the base's
-    rate about z against the table's.
+    `before_dps`, `after_dps`: rms of the gyros' rate in the base's axes without whirl, of means over half a
+    period of the highest line. `yaw_share`: the base's rate about z against the table's.
     """
 
     delay_s: float
@@ -125,12 +129,11 @@ def without_base(
     for _ in range(_ROUNDS):
         moved, still_z = _moved(base, edges_s, delay_s), rate_dps[:, 2]
         angle, alignment = align_angle(edges_s, still_z - moved[:, 2], poll_s, poll_deg)
-        turn = np.exp(0.5j * (angle[1:] + angle[:-1]))
+        turn, blocks = np.exp(0.5j * (angle[1:] + angle[:-1])), _Blocks.of(angle, period_s)
         felt = (rate_dps[:, 0] + 1j * rate_dps[:, 1]) * turn
         level = moved[:, 0] + 1j * moved[:, 1]
         slope = np.gradient(level, period_s)
-        solved = _solve(felt - level, slope, moved)
-        step, found = float(solved[0].real), solved[1:]
+        step, found = blocks.solve(felt - level, slope, moved)
         if abs(step) < _SETTLED_S:
             break
         delay_s += float(np.clip(step, -0.5 * _MOST_DELAY_S, 0.5 * _MOST_DELAY_S))
@@ -144,17 +147,13 @@ def without_base(
             expected=f"at most {_MOST_DELAY_S:g} s",
             remedy="check its clock, its axes (those of the unit at angle 0) and their signs",
         )
-    parts = np.array_split(np.arange(len(felt)), _PARTS)
-    steps = [_solve((felt - level)[part], slope[part], moved[part])[0].real for part in parts]
     removed = level + moved @ found
     rates = rate_dps.copy()
     left = (felt - removed) / turn
     rates[:, 0], rates[:, 1], rates[:, 2] = left.real, left.imag, still_z - moved[:, 2]
-    before, after = (
-        float(np.sqrt(np.mean(np.abs(part - part.mean()) ** 2) / 2.0)) for part in (felt, felt - removed)
-    )
-    yaw = float(np.std(moved[:, 2]) / np.degrees(np.median(np.abs(np.diff(angle))) / period_s))
-    sigma_s = float(np.std(steps, ddof=1) / np.sqrt(_PARTS))
+    before, after = (blocks.rms(part) for part in (felt, felt - removed))
+    yaw = float(np.std(blocks.means(moved)[:, 2]) / np.degrees(np.median(np.abs(np.diff(angle))) / period_s))
+    sigma_s = blocks.scatter(felt - removed, slope, moved)
     return rates, angle, alignment, BaseFit(delay_s, sigma_s, found, before, after, yaw)
 
 
@@ -163,13 +162,62 @@ def _moved(base: BaseMotion, edges_s: Array, delay_s: float) -> Array:
     return np.asarray(moved - moved.mean(axis=0))
 
 
-def _solve(left: Complex, slope: Complex, moved: Array) -> Complex:
-    """Return (delay's step, three complex coefficients) of what is left, by least squares; a mean goes free."""
-    one = np.ones(len(left))
-    columns = [slope, *(part * unit for part in (*moved.T, one) for unit in (1.0, 1j))]
-    rows = np.stack(
-        [np.concatenate([column.real, column.imag]) for column in map(np.asarray, columns)], axis=1
-    )
-    values = np.concatenate([left.real, left.imag])
-    solution = np.linalg.lstsq(rows, values, rcond=None)[0]
-    return np.array([solution[0], *(solution[1:7:2] + 1j * solution[2:7:2])])
+@dataclass(frozen=True, eq=False)
+class _Blocks:
+    """Means over blocks of `samples`; `own`, complex (blocks, k): what no base makes.
+
+    `own` has a column for each line of the whirl (its rate for 1 rad), one for the gyros' biases and one for the
+    mean.
+    """
+
+    samples: int
+    own: Complex
+
+    @classmethod
+    def of(cls, angle_rad: Array, period_s: float) -> _Blocks:
+        turn = 2.0 * np.pi / float(np.median(np.abs(np.diff(angle_rad))))
+        samples = max(1, round(0.5 * turn / HIGHEST))
+        edges = angle_rad[::samples][: (len(angle_rad) - 1) // samples + 1]
+        lines = np.array([line for line in range(-HIGHEST, HIGHEST + 1) if line])
+        tilts = np.exp(1j * edges[:, None] * lines)
+        rates = np.diff(tilts, axis=0) / (samples * period_s)
+        middle = np.exp(0.5j * (edges[1:] + edges[:-1]))
+        return cls(samples, np.column_stack([rates, middle, np.ones(len(middle))]))
+
+    def means(self, values: Complex | Array) -> Any:
+        """Return means of (n, ...) over blocks, (blocks, ...); what is left over at the end falls away."""
+        count = len(self.own)
+        return values[: count * self.samples].reshape(count, self.samples, *values.shape[1:]).mean(axis=1)
+
+    def solve(self, left: Complex, slope: Complex, moved: Array) -> tuple[float, Complex]:
+        """Return the delay's step and three complex coefficients of what is left, by least squares."""
+        solution = _least_squares(self._columns(slope, moved), self.means(left))
+        return float(solution[0]), solution[1:7:2] + 1j * solution[2:7:2]
+
+    def scatter(self, left: Complex, slope: Complex, moved: Array) -> float:
+        """Return the standard deviation of the delay, by how much eighths of the record differ."""
+        left = self.means(left)
+        whole = self._columns(slope, moved)
+        left = left - whole[:, 7:] @ _least_squares(whole, left)[7:]
+        parts = np.array_split(np.arange(len(left)), _PARTS)
+        steps = [_least_squares(whole[part, :7], left[part])[0] for part in parts]
+        return float(np.std(steps, ddof=1) / np.sqrt(_PARTS))
+
+    def rms(self, rate: Complex) -> float:
+        """Return the rms an axis of a rate (n,), without what the whirl makes."""
+        mean = self.means(rate)
+        columns = np.column_stack([self.own, 1j * self.own])
+        left = mean - columns @ _least_squares(columns, mean)
+        return float(np.sqrt(np.mean(np.abs(left) ** 2) / 2.0))
+
+    def _columns(self, slope: Complex, moved: Array) -> Complex:
+        """Return delay, three complex axes (real and imaginary apart) and what is `own`, (blocks, 7 + 2 k)."""
+        axes = self.means(moved)
+        turned = [part for axis in axes.T for part in (axis, 1j * axis)]
+        return np.column_stack([self.means(slope), *turned, self.own, 1j * self.own])
+
+
+def _least_squares(columns: Complex, values: Complex) -> Array:
+    """Return real coefficients of complex columns (n, k)."""
+    rows = np.concatenate([columns.real, columns.imag])
+    return np.asarray(np.linalg.lstsq(rows, np.concatenate([values.real, values.imag]), rcond=None)[0])

@@ -40,12 +40,12 @@ def load_turns(
     gyro: str | None = None,
     *,
     installation_arcsec: tuple[float, float] = (0.0, 0.0),
-    base: BaseMotion | None = None,
+    base: BaseMotion | str | None = None,
 ) -> Turns:
     """Read a run with rotation; `gyro` defaults to the first with axes x, y, z.
 
     `installation_arcsec`: by how much the x and the y gyro lie towards z, as known; taken out of their rates.
-    `base`: how the base moved meanwhile, taken out too.
+    `base`: how the base moved meanwhile, taken out too; a name is that of a unit which stood on it in this run.
 
     ConfigurationError if no gyro has three axes; UnfitRotation names a recording that cannot carry a whirl fit.
     """
@@ -58,6 +58,8 @@ def load_turns(
             expected="a three-axis unit, z along the table axis",
             remedy='name its axes in the bench file: axes = "xyz"',
         )
+    if isinstance(base, str):
+        base = _recorded_base(run, base, name)
     edges_s, rate_dps, usable = _on_grid(run, name)
     table = run.turntable()
     poll_s = seconds(table)
@@ -126,6 +128,20 @@ def _part(record: TurnRecord, first: int, last: int) -> TurnRecord:
         rate_dps=record.rate_dps[first:last],
         usable=record.usable[first:last],
     )
+
+
+def _recorded_base(run: Run, name: str, turning: str) -> BaseMotion:
+    """Return the rate of the base by a unit of the run that did not turn; ConfigurationError for another one."""
+    if name == turning or name not in run.gyros or not _has_axes(run, name):
+        raise ConfigurationError(
+            "the base's rate cannot be had of this unit",
+            where=f"--base, run {run.manifest.run_id}",
+            found="the one whose whirl is fitted" if name == turning else name,
+            expected="another unit of the run with axes x, y and z, or a log",
+            remedy="--gyro names the one to fit" if name == turning else "",
+        )
+    edges_s, rate_dps, usable = _on_grid(run, name)
+    return BaseMotion(0.5 * (edges_s[1:] + edges_s[:-1])[usable], rate_dps[usable])
 
 
 def _has_axes(run: Run, name: str) -> bool:

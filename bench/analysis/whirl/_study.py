@@ -94,21 +94,24 @@ def study_whirl_runs(
     """Return the study of recorded runs; `gyro`: default the first with axes x, y, z. Errors as `load_turns`.
 
     `installation_arcsec`: see `load_turns`; None where it is not known. `bases`: logs of a base that moved, one
-    for each run, those of `test` last.
+    for each run, those of `test` last; or the name of the unit that stood on it in every run.
     """
     angles = installation_arcsec or (0.0, 0.0)
-    if bases and len(bases) != len(train) + len(test):
+    runs = (*train, *test)
+    recorded = len(bases) == 1 and any(str(bases[0]) in run.gyros for run in runs)
+    if bases and not recorded and len(bases) != len(runs):
         raise ConfigurationError(
             "the base's logs do not go with the runs",
             where="--base",
             found=f"{len(bases)} logs",
-            expected=f"{len(train) + len(test)}, one for each run, those of --test last",
+            expected=f"{len(runs)}, one for each run, those of --test last, or the name of a unit of the runs",
         )
-    loaded = [BaseMotion.load(path) for path in bases]
-    moves: Sequence[BaseMotion | None] = loaded or [None] * (len(train) + len(test))
+    moves: Sequence[BaseMotion | str | None] = [None] * len(runs)
+    if bases:
+        moves = [str(bases[0])] * len(runs) if recorded else [BaseMotion.load(path) for path in bases]
     turns = [
         load_turns(run, gyro, installation_arcsec=angles, base=base)
-        for run, base in zip((*train, *test), moves, strict=True)
+        for run, base in zip(runs, moves, strict=True)
     ]
     fitted, judging = turns[: len(train)], turns[len(train) :]
     checksums = {run.manifest.run_id: run.checksum for run in train}

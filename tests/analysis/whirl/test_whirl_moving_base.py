@@ -12,10 +12,18 @@ from scipy.spatial.transform import Rotation
 from bench.analysis.whirl._angle import align_angle
 from bench.analysis.whirl._base import BaseMotion, without_base
 from bench.analysis.whirl._direct import fit_direct
+from bench.analysis.whirl._runs import _on_grid, _recorded_base, load_turns
 from bench.analysis.whirl._types import TurnRecord, UnfitRotation
+from bench.control.procedure import find_procedure
+from bench.control.questions import AssumeYes
+from bench.control.runner import RunRequest, run_procedure
+from bench.lab.emulated import EmulatedLab, load_plant
 from bench.present.cli.fit._motion import whirl
+from bench.record.benchfile import load_bench_file
+from bench.record.recording import Run, seconds
 from drivers.base.errors import ConfigurationError, RecordError
 
+EXAMPLES = Path(__file__).parents[3] / "examples"
 LINES = {-1: 5 - 3j, 2: -9 + 8j, 3: 2 + 1j}
 ARCSEC = np.pi / 648000.0
 STEP_S, DELAY_S = 0.02, 0.03
@@ -148,3 +156,63 @@ def wrong(made: Made) -> BaseMotion:
         [np.interp(order + 4.0, made.base.time_s, column) for column in made.base.rate_dps.T], axis=1
     )
     return BaseMotion(order, shifted)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Twenty-four turns on the emulated bench of `examples`, its base swaying at the frequency of line 3."""
+    plant = load_plant(EXAMPLES / "ins_on_a_base_plant.toml", seed=5)
+    bench = load_bench_file(EXAMPLES / "ins_on_a_base.toml")
+    procedure = find_procedure("constant-rotation")
+    with EmulatedLab(bench, plant) as lab:
+        asked = procedure.parse({"turns": 24, "reversals": 5})
+        where = tmp_path_factory.mktemp("runs")
+        told = plant.metadata(bench)
+        result = run_procedure(RunRequest(procedure, asked, lab.file, where, AssumeYes(), emulated=told))
+    assert result.outcome == "completed"
+    return Run.open(result.folder)
+
+
+def test_a_unit_beside_the_table_shows_how_the_base_moves(recorded: Run) -> None:
+    """Against the bearing of the plant file: without the base's rate nothing is left of its lines."""
+    plant = load_plant(EXAMPLES / "ins_on_a_base_plant.toml")
+    made = {round(line): complex(x, y) for line, x, y in plant.bearing["INS-001"].lines_arcsec}
+    worst = []
+    for base in (None, "reference"):
+        turns = load_turns(recorded, base=base)
+        fit = fit_direct([turns.record])
+        off = {line: abs(fit.amplitude(line).value - value) for line, value in made.items()}
+        worst.append(max(off.values()))
+        sds = dict(zip(fit.lines, fit.sd_arcsec, strict=True))
+    assert worst[0] > 10.0 and worst[1] < 0.25
+    # amplitudes have two parts of this deviation each
+    assert max(off[line] / sds[line] for line in made) < 4.0
+    (told,) = [finding.text for finding in turns.findings if finding.text.startswith("a base that moves")]
+    assert "times what it shows" not in told
+    with pytest.raises(ConfigurationError, match="the one whose whirl is fitted"):
+        load_turns(recorded, base="ins")
+    with pytest.raises(ConfigurationError, match="another unit of the run"):
+        load_turns(recorded, base="nobody")
+
+
+def test_a_sway_at_a_line_and_an_engine_do_not_spoil_the_delay(recorded: Run) -> None:
+    """Both units are stamped by the same bench; the reference's stamps are then made 40 ms later."""
+    edges_s, rate_dps, usable = _on_grid(recorded, "ins")
+    table = recorded.turntable()
+    rate_dps[~usable] = rate_dps[usable][0]  # the samples of power-on
+    base = _recorded_base(recorded, "reference", "ins")
+    parts = (seconds(table), table["angle_deg"])
+    fit = without_base(edges_s, rate_dps, *parts, base)[3]
+    late = BaseMotion(base.time_s + 0.04, base.rate_dps)
+    later = without_base(edges_s, rate_dps, *parts, late)[3]
+    assert abs(fit.delay_s) < 2e-3
+    assert later.delay_s - fit.delay_s == pytest.approx(0.04, abs=1e-4)
+    assert fit.felt == pytest.approx(1.0, abs=2e-3)
+
+
+def test_the_command_takes_the_name_of_a_unit(recorded: Run, tmp_path: Path) -> None:
+    folder = Path(str(recorded.place))
+    whirl([folder], base=[Path("reference")], out=tmp_path / "fit")
+    assert "a base that moves" in (tmp_path / "fit" / "report.html").read_text(encoding="utf-8")
+    with pytest.raises(ConfigurationError, match="or the name of a unit of the runs"):
+        whirl([folder, folder], base=[Path("nobody")], out=tmp_path / "no")

@@ -164,7 +164,7 @@ def test_a_pier_sways_at_its_frequency_and_a_still_one_not_at_all():
     frequency = np.fft.rfftfreq(len(times), 0.5)
     near = np.abs(frequency - 0.2) < 0.03
     assert power[near].sum() > 0.95 * power.sum()
-    assert Ground().still and Ground(step_mps=1.0).still and not FIELD.still
+    assert not Ground().moves and not Ground(step_mps=1.0).moves and FIELD.moves
     # velocity is a function of time, however it is asked for
     np.testing.assert_array_equal(wind.velocity_mps(times[100:110]), velocity[100:110])
 

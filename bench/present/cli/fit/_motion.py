@@ -32,7 +32,10 @@ def whirl(
     ] = None,
     base: Annotated[
         list[Path] | None,
-        Option(help="rate of a base that moves, from a reference on it; one log for each run, in order"),
+        Option(
+            help="rate of a base that moves, from a reference on it: the name of a unit of the runs that stood "
+            "on it, or one log for each run, in order"
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:
