@@ -91,7 +91,7 @@ def _find(records: Sequence[Record]) -> Finding | None:
         return None
     for k, record in enumerate(records):
         if not _is_steady(record.stimulus):
-            outputs[k] = outputs[k] - _waves(lines, _levelled(record), record.stimulus.period_s)
+            outputs[k] = outputs[k] - _waves(lines, record)
     best = max(lines, key=lambda line: line.evidence)
     hours = sum(len(record.stimulus) * record.stimulus.period_s for record in records) / 3600.0
     sigma = best.amplitude_dph / math.sqrt(2.0 * best.evidence)
@@ -103,18 +103,22 @@ def _find(records: Sequence[Record]) -> Finding | None:
     )
 
 
-def _waves(lines: Sequence[_SteadyLine], rest: Array, period_s: float) -> Array:
+def _waves(lines: Sequence[_SteadyLine], record: Record) -> Array:
     """Return the lines of steady runs that a run in which the table moves has, too, as large as there, (n,)."""
-    waves = np.zeros(len(rest))
+    waves = np.zeros(len(record.output_dph))
     for line in lines:
-        cycles = line.frequency_hz * period_s
+        cycles = line.frequency_hz * record.stimulus.period_s
         folded = abs((cycles + 0.5) % 1.0 - 0.5)
-        fit = _fitted(np.nan_to_num(rest - waves), folded)
-        if folded * len(rest) > _SEEN:
-            alike = abs(fit.amplitude / line.amplitude_dph - 1.0) < _ALIKE
-            wave = fit.wave if alike else np.zeros(len(rest))
-            waves = waves + tracked(rest - waves, folded, line.amplitude_dph, wave)
+        if folded * len(waves) > _SEEN:
+            waves = waves + _wave_of(line, folded, _levelled(record) - waves)
     return waves
+
+
+def _wave_of(line: _SteadyLine, folded: float, rest: Array) -> Array:
+    """Return a line of steady runs as it is in another, (n,), else zeros; NaN in `rest` is what is not known."""
+    fit = _fitted(np.nan_to_num(rest), folded)
+    alike = abs(fit.amplitude / line.amplitude_dph - 1.0) < _ALIKE
+    return tracked(rest, folded, line.amplitude_dph, fit.wave if alike else np.zeros(len(rest)))
 
 
 def _is_steady(s: Stimulus) -> bool:
@@ -136,7 +140,7 @@ def _levelled(record: Record) -> Array:
     edges = np.flatnonzero(np.abs(np.diff(rate)) > _STEADY_DPS) + 1
     parts = np.split(np.arange(len(rest)), edges)
     dwells = [part for part in parts if len(part) >= _SHORTEST_DWELL]
-    if 4 * sum(map(len, dwells)) < len(rest):
+    if 2 * sum(map(len, dwells)) < len(rest):
         return rest
     result = np.full(len(rest), np.nan)
     for part in dwells:
