@@ -55,9 +55,10 @@ def tracked(rest: Array, frequency: float, amplitude: float, steady: Array) -> A
 
     known = np.isfinite(rest)
     n, count, best = len(rest), int(known.sum()), steady
-    if count < 2 * _SHORTEST:
+    apart = np.abs(np.diff(rest - steady)[known[1:] & known[:-1]])
+    if count < 2 * _SHORTEST or not len(apart):
         return best
-    sigma = max(float(np.nanmedian(np.abs(np.diff(rest - steady)))) / 0.6745 / math.sqrt(2.0), 1e-12)
+    sigma = max(float(np.median(apart)) / 0.6745 / math.sqrt(2.0), 1e-12)
     # a mean over whole cycles has nothing of the line, but all that is slower
     cycles = round(_MEAN_CYCLES / frequency)
     shares = uniform_filter1d(known.astype(np.float64), cycles, mode="nearest")
