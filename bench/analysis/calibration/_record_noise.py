@@ -242,7 +242,8 @@ def _differences(data: Increments, resting: NDArray[np.bool_], parts: int) -> tu
         square += float((step**2).sum())
         product += float((step[1:] * step[:-1]).sum())
         count += step.size
-    return square / count / 2.0 / each_s, product / square, count
+    # a record without noise, as an emulator writes it, has neighbours like white noise
+    return square / count / 2.0 / each_s, product / square if square else -0.5, count
 
 
 def best_wander(likelihood: Callable[[BiasWander | None], float]) -> tuple[BiasWander | None, float]:
