@@ -19,8 +19,10 @@ from simulators.effects import Effect, Variant
 _KEPT = 3
 """Grid points of each effect that are kept for the second look."""
 _STEPS = 12
-_GAIN = 0.5
-"""Chi-square that a step has to gain: less says nothing of where a shape is."""
+_LEAST_GAIN, _GAIN = 0.05, 0.5
+"""Chi-square that a step has to gain to be made, and to be followed by another. A small gain beside effects that
+do nearly the same is a large one without them; none at all says nothing of where a shape is.
+"""
 _QUOTIENT = 0.05
 """Part of the distance between grid points over which a slope is taken."""
 _SHORTER = (1.0, 0.3, 0.1, 0.03)
@@ -72,11 +74,13 @@ def between_grid_points(variants: Sequence[Variant], gram: Gram) -> list[Variant
             moved = [_moved(each, move, part) for each, move in zip(now, moves, strict=True)]
             system = gram(moved)
             left = _left(system, range(1, len(system)))
-            if left < cost - _GAIN:
+            if left < cost - _LEAST_GAIN:
                 break
         else:
             break
-        cost, now = left, moved
+        gained, cost, now = cost - left, left, moved
+        if gained < _GAIN:
+            break
     return now
 
 
