@@ -313,6 +313,14 @@ def lab_config(
     """Return what a lab's process is told to be: devices and units of the bench file, physics of the plant."""
     from bench.lab._actual import as_they_are
 
+    gyros = [gyro.name for gyro in file.gyro]
+    if strangers := [name for name in plant.on_ground if name not in gyros]:
+        raise ConfigurationError(
+            "no such unit can stand on the ground",
+            where="plant file, on_ground",
+            found=strangers[0],
+            expected=one_of(strangers[0], gyros),
+        )
     file, lines = as_they_are(file, plant.actual)
     return LabConfig(
         clock=clock,

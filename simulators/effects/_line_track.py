@@ -24,6 +24,8 @@ _ALIKE = 0.5
 """Part by which its amplitude in a window may differ from that in the steady runs."""
 _SHORTEST, _GLANCE = 64, 256
 _MEAN_CYCLES = 2.0
+_NOTHING = 0.25
+"""Part of its amplitude in short windows below which nothing of a line is left."""
 _PENALTY = 8.0
 """Chi-square that the four parameters of a window have to take away."""
 _LEAST_KNOWN = 1.0
@@ -64,7 +66,10 @@ def tracked(rest: Array, frequency: float, amplitude: float, steady: Array) -> A
     shares = uniform_filter1d(known.astype(np.float64), cycles, mode="nearest")
     means = uniform_filter1d(np.where(known, rest, 0.0), cycles, mode="nearest") / np.maximum(shares, 1e-6)
     rest = np.where(known, rest - means, 0.0)
-    cost = float(np.square((rest - steady)[known] / sigma).sum()) + _PENALTY
+    left = np.where(known, rest - steady, 0.0)
+    if steady.any() and amplitude_near(left, frequency) < _NOTHING * amplitude:
+        return best
+    cost = float(np.square(left / sigma).sum()) + _PENALTY
     # a raised cosine's bin of m samples has noise of sigma sqrt(6 / m) in amplitude
     size = 2 * math.ceil(0.5 * max(_CYCLES / frequency, 6.0 * (_CLEAR * sigma / amplitude) ** 2, _SHORTEST))
     while size <= n // 2:

@@ -105,12 +105,12 @@ def _find(records: Sequence[Record]) -> Finding | None:
 
 def _waves(lines: Sequence[_SteadyLine], record: Record) -> Array:
     """Return the lines of steady runs that a run in which the table moves has, too, as large as there, (n,)."""
-    waves = np.zeros(len(record.output_dph))
+    rest, waves = _levelled(record), np.zeros(len(record.output_dph))
     for line in lines:
         cycles = line.frequency_hz * record.stimulus.period_s
         folded = abs((cycles + 0.5) % 1.0 - 0.5)
         if folded * len(waves) > _SEEN:
-            waves = waves + _wave_of(line, folded, _levelled(record) - waves)
+            waves = waves + _wave_of(line, folded, rest - waves)
     return waves
 
 

@@ -16,7 +16,7 @@ from bench.control.runner import RunRequest
 from bench.lab.emulated import EmulatedLab, Plant, lab_config, load_plant
 from bench.lab.rehearsal import run_in_lab
 from bench.lab.testing import usual_bench
-from bench.record.benchfile import bench_file_from, bench_file_text
+from bench.record.benchfile import bench_file_from, bench_file_text, load_bench_file
 from drivers.base.errors import BenchError, ConfigurationError
 from drivers.base.virtual_clock import VirtualClock
 from simulators.faults import Fault
@@ -170,3 +170,11 @@ def test_a_lab_in_the_background_of_a_shell_ends_on_sigterm(tmp_path):
         lab.send_signal(signal.SIGTERM)
         assert b"lab closed" in lab.stdout.read()
     assert lab.returncode == 0
+
+
+def test_a_unit_that_the_bench_lacks_cannot_stand_on_the_ground() -> None:
+    file = load_bench_file(Path("examples/ins_on_a_base.toml"))
+    standing = lab_config(file, Plant(on_ground=("reference",))).gyros
+    assert {gyro.config.name: gyro.on_ground for gyro in standing} == {"ins": False, "reference": True}
+    with pytest.raises(ConfigurationError, match=r"stand on the ground.*on_ground.*refernce.*reference"):
+        lab_config(file, Plant(on_ground=("refernce",)))

@@ -163,10 +163,16 @@ def unknown_parts(
     return parts
 
 
-def differing_parts(data: Prepared, solution: Solution, jumps: Jumps | None = None) -> list[UnknownPart]:
-    """Say how repeats differ beyond noise: how much, how slowly, and in which run most; where they jump."""
+def differing_parts(
+    data: Prepared, solution: Solution, jumps: Jumps | None = None, line: SpectralLine | None = None
+) -> list[UnknownPart]:
+    """Say how repeats differ beyond noise: how much, how slowly, and in which run most; where they jump.
+
+    A line that comes with another phase in each repeat, and is larger than what differs, says it already.
+    """
     parts, noise = [] if jumps is None else [_jumping_part(jumps)], data.noise.noise
-    if data.noise.differs <= 0.5:
+    humming = jumps is None and line is not None and line.amplitude_dph > noise.correlated_dph
+    if data.noise.differs <= 0.5 or humming:
         return parts
     most, run_id, at_s = 0.0, "", 0.0
     for group, left in zip(data.groups, left_of_runs(data, solution), strict=True):

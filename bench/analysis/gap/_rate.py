@@ -141,9 +141,6 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         weights = set_weights(found.judged)
         jumps = find_jumps(ready, best.solution)
         differs = max(ready.noise.differs, _JUMPS if jumps else 0.0)
-        line = found.line if best.line else None
-        # where a line comes with another phase in each repeat, that is how they differ
-        humming = line is not None and jumps is None and line.amplitude_dph > ready.noise.noise.correlated_dph
         unnamed = sum(both[1] for both in weights.values())
         shaken = _shaken(ready.noise, runs)
         unknown = 1.0 - (1.0 - unnamed) * (1.0 - differs) * (1.0 - shaken)
@@ -203,7 +200,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
             unknown_parts=(
                 *([crowd_part([cause.name for cause in filter(follows_rate, resembles)])] if crowd else ()),
                 *(unknown_parts(found, variants, left, active) if unknown > 0.5 and not crowd else ()),
-                *(differing_parts(ready, best.solution, jumps) if differs > 0.5 and not humming else ()),
+                *differing_parts(ready, best.solution, jumps, found.line if best.line else None),
                 *([shaken_part(ready.noise.noise, _finest_arcsec(runs))] if shaken > 0.5 else ()),
             ),
             latitude_deg=runs[0].stimulus.latitude_deg,

@@ -99,6 +99,14 @@ def study_whirl_runs(
     angles = installation_arcsec or (0.0, 0.0)
     runs = (*train, *test)
     recorded = len(bases) == 1 and any(str(bases[0]) in run.gyros for run in runs)
+    if len(bases) == 1 and not recorded and not bases[0].exists():
+        raise ConfigurationError(
+            "there is no such base",
+            where="--base",
+            found=str(bases[0]),
+            expected="a log of it, or a unit of the runs: "
+            + ", ".join(sorted({name for run in runs for name in run.gyros})),
+        )
     if bases and not recorded and len(bases) != len(runs):
         raise ConfigurationError(
             "the base's logs do not go with the runs",

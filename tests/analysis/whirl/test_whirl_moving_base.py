@@ -146,6 +146,10 @@ def test_logs_of_a_base_that_do_not_go_with_a_run_are_named(made: Made, tmp_path
         BaseMotion.load(log)
     with pytest.raises(ConfigurationError, match=r"do not go with the runs.*2 logs"):
         whirl([], test=[], base=[log, log])
+    with pytest.raises(
+        ConfigurationError, match=r"no such base.*referense.*a log of it, or a unit of the runs"
+    ):
+        whirl([], test=[], base=[Path("referense")])
 
 
 def wrong(made: Made) -> BaseMotion:
