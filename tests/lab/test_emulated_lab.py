@@ -176,5 +176,7 @@ def test_a_unit_that_the_bench_lacks_cannot_stand_on_the_ground() -> None:
     file = load_bench_file(Path("examples/ins_on_a_base.toml"))
     standing = lab_config(file, Plant(on_ground=("reference",))).gyros
     assert {gyro.config.name: gyro.on_ground for gyro in standing} == {"ins": False, "reference": True}
-    with pytest.raises(ConfigurationError, match=r"stand on the ground.*on_ground.*refernce.*reference"):
+    with pytest.raises(
+        ConfigurationError, match=r"on_ground: no such unit.*refernce.*did you mean 'reference'"
+    ):
         lab_config(file, Plant(on_ground=("refernce",)))

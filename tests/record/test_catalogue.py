@@ -394,3 +394,28 @@ def test_time_stamps_of_a_copy_are_noticed(tmp_path: Path, monkeypatch: pytest.M
     rows, count, unread = find_runs(runs, limit=5)
     assert [row.name for row in rows] == [f"run-{(7 * day) % 100:02d}" for day in range(99, 94, -1)]
     assert (count, unread) == (100, 0)
+
+
+def test_what_has_lost_its_time_stamp_is_read_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An archive wrote zeros for the newest runs; the others' stamps say nothing of that."""
+    monkeypatch.setattr(catalogue_module, "_AT_ONCE", 10)
+    runs = tmp_path / "runs"
+    for day in range(60):
+        made_at(runs, f"run-{day:02d}", day, -1.0 if day > 56 else day + 0.2)
+    rows, _, unread = find_runs(runs, limit=5)
+    assert [row.name for row in rows] == [f"run-{day:02d}" for day in range(59, 54, -1)]
+    assert unread == 50
+
+
+def test_what_a_list_left_unread_is_still_there_when_nothing_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(catalogue_module, "_AT_ONCE", 10)
+    runs = tmp_path / "runs"
+    for day in range(40):
+        made_at(runs, f"run-{day:02d}", day, day + 0.2)
+    (runs / ".catalogue").mkdir()
+    os.utime(runs, ns=(10**18, 10**18))  # long ago: settled
+    assert find_runs(runs, limit=5)[2] == 30
+    os.utime(runs, ns=(10**18, 10**18))
+    assert len(find_runs(runs, limit=40)[0]) == 40

@@ -41,6 +41,16 @@ def test_where_there_is_no_line_of_its_size_nothing_is_taken() -> None:
     assert not tracked(elsewhere, 0.18, 2.0, np.zeros(12_000)).any()
 
 
+def test_a_line_that_climbs_fast_is_followed_by_its_change() -> None:
+    """In the 500 samples that noise asks a window to have its phase bends by 1.7 rad to either end."""
+    n = 2_000
+    cycles = 0.2 + 9e-6 * (np.arange(n) - 0.5 * n)
+    wave = 0.55 * np.sin(2.0 * np.pi * np.cumsum(cycles))
+    rest = wave + np.random.default_rng(8).normal(0.0, 1.0, n)
+    found = tracked(rest, 0.2, 0.55, np.zeros(n))
+    assert np.std(found - wave) < 0.35 * np.std(wave)
+
+
 def test_a_steady_line_stays_as_it_was_fitted() -> None:
     wave = 2.0 * _wandering(12_000, 0.18, 0.0, 0.3)
     rest = wave + np.random.default_rng(4).normal(0.0, 1.0, 12_000)

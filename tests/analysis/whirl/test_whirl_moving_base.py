@@ -218,5 +218,7 @@ def test_the_command_takes_the_name_of_a_unit(recorded: Run, tmp_path: Path) -> 
     folder = Path(str(recorded.place))
     whirl([folder], base=[Path("reference")], out=tmp_path / "fit")
     assert "a base that moves" in (tmp_path / "fit" / "report.html").read_text(encoding="utf-8")
-    with pytest.raises(ConfigurationError, match="or the name of a unit of the runs"):
+    with pytest.raises(
+        ConfigurationError, match=r"no such base.*nobody.*or a unit of the runs: ins, reference"
+    ):
         whirl([folder, folder], base=[Path("nobody")], out=tmp_path / "no")
