@@ -7,6 +7,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 
+from benchmarks.gap_exam._cylinder import CYLINDER
 from benchmarks.gap_exam._exam_plant import EXAM_PLANT, make_exam_case, plan_exam_cases
 from benchmarks.gap_exam._floated import FLOATED
 from benchmarks.gap_exam._gas_rate import GAS_RATE
@@ -31,6 +32,7 @@ FAMILIES = {
         NUCLEAR,
         TUNING_FORK,
         GAS_RATE,
+        CYLINDER,
         EXAM_PLANT,
     )
 }
