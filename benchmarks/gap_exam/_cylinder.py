@@ -1,6 +1,6 @@
 """A tactical Coriolis gyro: a metal cylinder, piezo electrodes, force to rebalance, the maker's table inside.
 
-The table has bias and scale factor over the thermometer on the board, straight lines between the maker's points.
+The table has bias and scale factor over the thermometer at the board, straight lines between the maker's points.
 What is left of it, and of drive, glue, alloy and bench, are this family's effects.
 """
 
@@ -48,10 +48,12 @@ EFFECTS: dict[str, Effect] = {
         beside=("scale_factor_lag",),
     ),
     "late_gain": known(effects.late_gain, "scale_factor_lag"),
-    "metal_behind_board": known(effects.metal_behind_board, "thermal_lag", beside=_beside("thermal_lag")),
+    "metal_behind_bead": known(
+        *(effects.metal_behind_bead, "thermal_lag"), beside=(*_beside("thermal_lag"), "warm_up")
+    ),
     # heat
     "repoling": known(effects.repoling, "warm_up"),
-    "stem_gradient": known(effects.stem_gradient, "gradient", beside=_beside("gradient")),
+    "warped_base": known(effects.warped_base, "gradient", beside=_beside("gradient")),
     "pyroelectric_charge": known(effects.pyroelectric_charge, "shupe", beside=_beside("shupe")),
     "creeping_glue": known(effects.creeping_glue, "relaxation", beside=_beside("relaxation")),
     "magnetic_damping": known(effects.magnetic_damping, "hysteresis"),
@@ -88,12 +90,15 @@ EFFECTS: dict[str, Effect] = {
 NOISY = {
     "tired_preamplifier": (1.3, 4.0, "noise_level"),
     "restless_phase": (3.0, 12.0, "bias_instability"),
-    "coarse_counter": (8.0, 40.0, "quantisation"),
+    "coarse_counter": (6.0, 40.0, "quantisation"),
 }
 
 
 def rows(unit: Unit, stage: Stage, rate_dph: Array, rng: np.random.Generator) -> Array:
-    """Return the logged output, deg/h, (n,): white noise, 1/f, a walk; whole counts of the angle turned."""
+    """Return the logged output, deg/h, (n,): white noise, 1/f, a walk; the angle turned in counts.
+
+    The counter is dithered by a part of a count that it takes away again, so that it errs anew at each reading.
+    """
     sheet, gaps_s = unit.sheet, np.diff(stage.edges_s)
     white = 60.0 * sheet.arw_deg_per_sqrt_h * unit.inside.get("tired_preamplifier", 1.0)
     slow = sheet.bias_instability_dph * unit.inside.get("restless_phase", 1.0)
@@ -101,8 +106,9 @@ def rows(unit: Unit, stage: Stage, rate_dph: Array, rng: np.random.Generator) ->
     rate = rate_dph + white * rng.standard_normal(len(gaps_s)) / np.sqrt(gaps_s)
     rate = rate + flicker(slow, gaps_s, rng) + walk(sheet.rate_random_walk_dph_per_sqrt_h, gaps_s, rng)
     # a deg/h is an arcsec a second
-    turned = np.concatenate(([0.0], np.cumsum(rate * gaps_s))) / quantum_arcsec + rng.uniform()
-    return np.asarray(np.diff(np.floor(turned)) * quantum_arcsec / gaps_s)
+    turned = np.concatenate(([0.0], np.cumsum(rate * gaps_s))) / quantum_arcsec
+    dither = rng.uniform(size=len(turned))
+    return np.asarray(np.diff(np.floor(turned + dither) - dither) * quantum_arcsec / gaps_s)
 
 
 CYLINDER = Family(

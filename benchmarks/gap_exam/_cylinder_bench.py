@@ -1,7 +1,7 @@
 """The bench of a metal cylinder gyro: chamber, heat from plate to metal, table servo, runs of a campaign.
 
 The gyro stands on a plate in a chamber on the table. Its board warms itself; the cylinder hangs in vacuum on a
-stem and gets heat by that stem and by radiation. The maker's thermometer is on the board.
+stem and gets heat by that stem and by radiation. The maker's thermometer is at a post of the board.
 """
 
 from __future__ import annotations
@@ -42,6 +42,9 @@ BEAD_S = 8.0
 PLATE_SENSOR_S = 12.0
 SELF_HEAT_K = BOARD_W / POSTS_W_PER_K
 """How much warmer than the housing the board is at rest."""
+BEAD_ON_BOARD = 0.3
+BEAD_HEAT_K = BEAD_ON_BOARD * SELF_HEAT_K
+"""How much warmer than housing and metal the thermometer is at rest."""
 
 
 @dataclass(frozen=True)
@@ -261,6 +264,7 @@ def make_stage(unit: Unit, sort: Sort, repeat: int, number: int) -> Stage:
     bodies = dict(
         zip(BODIES, _temperatures(unit, sort, np.diff(angle) / STEP_S, powered_s, rng), strict=True)
     )
+    bead = (1.0 - BEAD_ON_BOARD) * bodies["housing"] + BEAD_ON_BOARD * bodies["board"]
     mounted_s, elevation = sort.elevations(at_s)
     edges: Array = np.arange(0, steps + 1, sort.grid[1]) * np.float64(STEP_S)
     valid = np.ones(len(edges) - 1, bool)
@@ -270,7 +274,7 @@ def make_stage(unit: Unit, sort: Sort, repeat: int, number: int) -> Stage:
     kept: NDArray[np.bool_] = valid.copy() if sort.code == "PO" else np.ones(len(valid), bool)
     return Stage(
         *(sort.code, sort.profile, sort.condition, repeat, number, STEP_S, angle, elevation, bodies),
-        t_in_c=follow(bodies["board"], BEAD_S, STEP_S),
+        t_in_c=follow(bead, BEAD_S, STEP_S),
         t_out_c=follow(bodies["plate"], PLATE_SENSOR_S, STEP_S),
         edges_s=edges,
         valid=valid,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scipy.special import ndtr
 
-from benchmarks.gap_exam._cylinder_bench import FASTEST_DPS, LATITUDE_DEG, SELF_HEAT_K
+from benchmarks.gap_exam._cylinder_bench import BEAD_HEAT_K, FASTEST_DPS, LATITUDE_DEG
 from benchmarks.gap_exam._family import Unit
 from benchmarks.gap_exam._geometry import sensed_dph
 from benchmarks.gap_exam._signals import drawn, follow, spectrum_of_lags
@@ -37,7 +37,7 @@ def _sensed(stage: Stage) -> Array:
 
 # the maker's table --------------------------------------------------------------------------------------------
 
-FACTORY_C = (-40.0, 25.0, 90.0)
+FACTORY_C = (-40.0, 20.0, 80.0)
 
 
 def loss_peak(t_c: Array, height: float, centre_k: float, activation_k: float) -> Array:
@@ -65,14 +65,14 @@ def piezo_gain(unit: Unit, stage: Stage, size: float) -> Array:
 
 
 def late_gain(unit: Unit, stage: Stage, size: float) -> Array:
-    """The table corrects scale factor by the board, the metal sets it: `size` in ppm/K of their difference."""
-    return np.asarray(1e-6 * size * _sensed(stage) * (stage.body("metal") + SELF_HEAT_K - stage.t_in_c))
+    """The table corrects scale factor by the bead, the metal sets it: `size` in ppm/K of their difference."""
+    return np.asarray(1e-6 * size * _sensed(stage) * (stage.body("metal") + BEAD_HEAT_K - stage.t_in_c))
 
 
-def metal_behind_board(unit: Unit, stage: Stage, size: float) -> Array:
-    """Bias grows with the metal's temperature by an exponential law, the table corrects it by the board's."""
+def metal_behind_bead(unit: Unit, stage: Stage, size: float) -> Array:
+    """Bias grows with the metal's temperature by an exponential law, the table corrects it by the bead's."""
     scale_k = _between(unit, "b", 35.0, 80.0)
-    metal, taken_for = stage.body("metal") - ROOM_C, stage.t_in_c - SELF_HEAT_K - ROOM_C
+    metal, taken_for = stage.body("metal") - ROOM_C, stage.t_in_c - BEAD_HEAT_K - ROOM_C
     return np.asarray(size * scale_k * (np.exp(metal / scale_k) - np.exp(taken_for / scale_k)))
 
 
@@ -92,9 +92,9 @@ def repoling(unit: Unit, stage: Stage, size: float) -> Array:
     return np.asarray(size * (1.0 + (stage.power_on_s + stage.time_s) / time_s) ** -exponent)
 
 
-def stem_gradient(unit: Unit, stage: Stage, size: float) -> Array:
-    """Metal and housing of unlike temperature strain the stem: `size` in deg/h/K."""
-    return np.asarray(size * (stage.body("metal") - stage.body("housing")))
+def warped_base(unit: Unit, stage: Stage, size: float) -> Array:
+    """The base, as warm as board and housing, warps on a plate of unlike temperature: `size` in deg/h/K."""
+    return np.asarray(size * (0.5 * (stage.body("board") + stage.body("housing")) - stage.body("plate")))
 
 
 def pyroelectric_charge(unit: Unit, stage: Stage, size: float) -> Array:
