@@ -110,7 +110,7 @@ def creeping_glue(unit: Unit, stage: Stage, size: float) -> Array:
         stage.body("housing"),
         stage.step_s,
         60.0 * _log_between(unit, "a", 15.0, 40.0),
-        _between(unit, "b", 2500.0, 4500.0),
+        _between(unit, "b", 1000.0, 2500.0),
     )
 
 
