@@ -9,9 +9,8 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from drivers.base.errors import ConfigurationError
+from drivers.base.errors import ConfigurationError, one_of
 from drivers.kit.config import key
-from drivers.kit.registry import one_of
 
 WIRE_FAULTS: Mapping[str, str] = {
     "drop": "`count` bytes of a message are lost",

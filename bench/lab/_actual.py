@@ -2,19 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
 from bench.record.benchfile import BenchFile
-from drivers.base.errors import ConfigurationError
+from drivers.base.errors import ConfigurationError, one_of
 from drivers.kit.config import DeviceConfig
 from drivers.kit.places import is_serial
 from simulators.config import SerialFormat
 
 _D = TypeVar("_D", bound=DeviceConfig)
 _FORMAT = ("bytesize", "parity", "stopbits")
+
+
+def refuse_strangers(file: BenchFile, said: Mapping[str, Iterable[str]]) -> None:
+    """Raise ConfigurationError if a plant file says something of a gyro that the bench has not.
+
+    `said`: key of the plant file -> the gyros' names that it has.
+    """
+    gyros = [gyro.name for gyro in file.gyro]
+    for key, names in said.items():
+        for name in names:
+            if name not in gyros:
+                raise ConfigurationError(
+                    "the bench has no such gyro",
+                    where=f"plant file, {key}",
+                    found=name,
+                    expected=one_of(name, gyros),
+                )
 
 
 def as_they_are(

@@ -9,6 +9,7 @@ import dataclasses
 import hashlib
 import json
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
@@ -17,10 +18,9 @@ from pydantic_core import ErrorDetails
 
 from bench.lab._process import LabProcess
 from bench.record.benchfile import BenchFile, Emulated
-from drivers.base.errors import BenchError, ConfigurationError
+from drivers.base.errors import BenchError, ConfigurationError, one_of
 from drivers.base.files import SETTINGS_BYTES, parse_toml, read_bounded, replace_file
 from drivers.kit.config import GyroConfig, Mistake, Mounting, refusal
-from drivers.kit.registry import one_of
 from simulators.config import (
     Accelerometers,
     Bearing,
@@ -89,6 +89,16 @@ class Plant(BaseModel):
     them: baudrate, address, rate_hz and others; also bytesize, parity, stopbits. A device named here
     understands only what is sent with its own settings; one that is not understands any."""
     fault: tuple[Fault, ...] = ()
+
+    @property
+    def _of_gyros(self) -> dict[str, Iterable[str]]:
+        """Keys of the file that speak of gyros by their names, and of which."""
+        return {
+            "on_ground": self.on_ground,
+            "mounting": self.mounting,
+            "lean_deg": self.lean_deg,
+            "clock_error_ppm": self.clock_error_ppm,
+        }
 
     def _modelled(self, unit: str) -> Model | None:
         if unit not in self.gap_model:
@@ -311,16 +321,9 @@ def lab_config(
     file: BenchFile, plant: Plant, clock: Literal["virtual", "wall"] = "virtual", cpu: int | None = None
 ) -> LabConfig:
     """Return what a lab's process is told to be: devices and units of the bench file, physics of the plant."""
-    from bench.lab._actual import as_they_are
+    from bench.lab._actual import as_they_are, refuse_strangers
 
-    gyros = [gyro.name for gyro in file.gyro]
-    if strangers := [name for name in plant.on_ground if name not in gyros]:
-        raise ConfigurationError(
-            "no such unit can stand on the ground",
-            where="plant file, on_ground",
-            found=strangers[0],
-            expected=one_of(strangers[0], gyros),
-        )
+    refuse_strangers(file, plant._of_gyros)
     file, lines = as_they_are(file, plant.actual)
     return LabConfig(
         clock=clock,

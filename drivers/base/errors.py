@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
+
 
 class BenchError(Exception):
     """Base of every error this project raises on purpose.
@@ -70,3 +73,11 @@ class RecordError(BenchError):
 
 class RunUnsealed(RecordError):
     """A run that ended, its bench made safe as far as the text says, and whose folder could not be closed."""
+
+
+def one_of(found: str, names: Iterable[str]) -> str:
+    """Return "one of a, b, c" for what was expected, with the nearest to `found` pointed out."""
+    names = sorted(names)
+    near = difflib.get_close_matches(found, names, n=1)
+    suggestion = f" (did you mean {near[0]!r}?)" if near else ""
+    return f"{'one of ' if len(names) > 1 else ''}{', '.join(names)}{suggestion}"

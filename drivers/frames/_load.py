@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 from collections.abc import Mapping
 from functools import lru_cache
@@ -13,7 +12,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from drivers.base.errors import ConfigurationError
+from drivers.base.errors import ConfigurationError, one_of
 from drivers.base.files import read_settings
 from drivers.frames._form import Form, forms_of
 from drivers.frames._lines import LineDescription, line_form, verify_lines
@@ -175,12 +174,6 @@ def validated(model: type[Model], data: dict[str, Any], where: str) -> Model:
 def refusal(where: str, mistakes: list[Mistake]) -> ConfigurationError:
     """Return the error that says all of `mistakes`."""
     return config.refusal("the frame description", where, mistakes)
-
-
-def one_of(found: str, names: list[str]) -> str:
-    """Return "one of a, b, c", with the nearest to `found` pointed out."""
-    near = difflib.get_close_matches(found, names, n=1)
-    return f"one of {', '.join(sorted(names))}" + (f" (did you mean {near[0]!r}?)" if near else "")
 
 
 def _mistake(model: type[BaseModel], details: ErrorDetails, data: Any) -> Mistake:

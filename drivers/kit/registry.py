@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import EntryPoint
 from typing import Any
 
-from drivers.base.errors import ConfigurationError
+from drivers.base.errors import ConfigurationError, one_of
 from drivers.base.plugins import entry_points_of
 from drivers.kit.config import (
     ChamberConfig,
@@ -79,11 +78,3 @@ def config_class(role: str, kind: object) -> type[DeviceConfig]:
     point = registered(DRIVERS, role).get(kind) if isinstance(kind, str) else None
     config: type[DeviceConfig] = roles()[role] if point is None else point.load().config
     return config
-
-
-def one_of(found: str, names: Iterable[str]) -> str:
-    """Return "one of a, b, c", with the nearest to `found` pointed out."""
-    names = sorted(names)
-    near = difflib.get_close_matches(found, names, n=1)
-    suggestion = f" (did you mean {near[0]!r}?)" if near else ""
-    return f"{'one of ' if len(names) > 1 else ''}{', '.join(names)}{suggestion}"

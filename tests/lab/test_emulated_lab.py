@@ -172,11 +172,26 @@ def test_a_lab_in_the_background_of_a_shell_ends_on_sigterm(tmp_path):
     assert lab.returncode == 0
 
 
-def test_a_unit_that_the_bench_lacks_cannot_stand_on_the_ground() -> None:
+@pytest.mark.parametrize(
+    "plant",
+    [
+        Plant(on_ground=("refernce",)),
+        Plant(mounting={"refernce": "axis_up"}),
+        Plant(lean_deg={"refernce": (0.1, 0.0)}),
+        Plant(clock_error_ppm={"refernce": 50.0}),
+    ],
+    ids=lambda plant: next(iter(plant.model_fields_set)),
+)
+def test_what_a_plant_says_of_a_gyro_that_the_bench_lacks_is_refused(plant: Plant) -> None:
+    file = load_bench_file(Path("examples/ins_on_a_base.toml"))
+    key = next(iter(plant.model_fields_set))
+    with pytest.raises(
+        ConfigurationError, match=rf"{key}: the bench has no such gyro.*refernce.*did you mean 'reference'"
+    ):
+        lab_config(file, plant)
+
+
+def test_a_unit_that_a_plant_puts_on_the_ground_stands_there() -> None:
     file = load_bench_file(Path("examples/ins_on_a_base.toml"))
     standing = lab_config(file, Plant(on_ground=("reference",))).gyros
     assert {gyro.config.name: gyro.on_ground for gyro in standing} == {"ins": False, "reference": True}
-    with pytest.raises(
-        ConfigurationError, match=r"on_ground: no such unit.*refernce.*did you mean 'reference'"
-    ):
-        lab_config(file, Plant(on_ground=("refernce",)))

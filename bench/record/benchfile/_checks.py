@@ -7,9 +7,10 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from bench.record.benchfile._model import LimitsSection, SafeSection
+from drivers.base.errors import one_of
 from drivers.kit.config import GyroConfig, Mistake
 from drivers.kit.places import socket_address
-from drivers.kit.registry import DRIVERS, config_class, one_of, registered, roles
+from drivers.kit.registry import DRIVERS, config_class, registered, roles
 
 _RESERVED_NAMES = ("table", "turntable", "chamber", "manifest", "events")
 """Words that name other files and ports of a run folder."""

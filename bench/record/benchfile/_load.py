@@ -14,9 +14,10 @@ from pydantic_core import ErrorDetails
 
 from bench.record.benchfile._checks import cross_checks, device_sections
 from bench.record.benchfile._model import BenchFile
+from drivers.base.errors import one_of
 from drivers.base.files import read_settings
 from drivers.kit.config import Mistake, Section, refusal
-from drivers.kit.registry import config_class, instrument_roles, one_of, roles
+from drivers.kit.registry import config_class, instrument_roles, roles
 
 
 def load_bench_file(path: Path | str) -> BenchFile:
