@@ -9,7 +9,6 @@ import dataclasses
 import hashlib
 import json
 import os
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
@@ -39,6 +38,9 @@ if TYPE_CHECKING:
 
 _MODELS = {"fog": "fog_mid", "mems": "mems", "rlg": "rlg"}
 """Technology of a gyro -> the model that an emulated one usually has."""
+
+_OF_GYROS = ("on_ground", "mounting", "lean_deg", "clock_error_ppm")
+"""Keys of a plant file that name gyros of the bench."""
 
 
 class Plant(BaseModel):
@@ -89,16 +91,6 @@ class Plant(BaseModel):
     them: baudrate, address, rate_hz and others; also bytesize, parity, stopbits. A device named here
     understands only what is sent with its own settings; one that is not understands any."""
     fault: tuple[Fault, ...] = ()
-
-    @property
-    def _of_gyros(self) -> dict[str, Iterable[str]]:
-        """Keys of the file that speak of gyros by their names, and of which."""
-        return {
-            "on_ground": self.on_ground,
-            "mounting": self.mounting,
-            "lean_deg": self.lean_deg,
-            "clock_error_ppm": self.clock_error_ppm,
-        }
 
     def _modelled(self, unit: str) -> Model | None:
         if unit not in self.gap_model:
@@ -323,7 +315,7 @@ def lab_config(
     """Return what a lab's process is told to be: devices and units of the bench file, physics of the plant."""
     from bench.lab._actual import as_they_are, refuse_strangers
 
-    refuse_strangers(file, plant._of_gyros)
+    refuse_strangers(file, {key: getattr(plant, key) for key in _OF_GYROS})
     file, lines = as_they_are(file, plant.actual)
     return LabConfig(
         clock=clock,
