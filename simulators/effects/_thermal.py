@@ -10,7 +10,7 @@ from simulators.effects._stimulus import REFERENCE_C, Stimulus
 
 SPAN_K = 50.0
 """Temperatures count in this many kelvins, so that the coefficients of all powers are of one size."""
-LAGS: tuple[Shape, ...] = tuple({"lag_s": lag} for lag in (0.0, 150.0, 400.0))
+LAGS: tuple[Shape, ...] = tuple({"lag_s": lag} for lag in (0.0, 150.0, 400.0, 1200.0))
 
 
 def power(order: int) -> Formula:
@@ -70,7 +70,7 @@ POLYNOMIAL_EFFECTS = (
 _SHUPE_LAGS: tuple[Shape, ...] = tuple({"lag_s": lag} for lag in (0.0, 60.0, 180.0, 400.0, 800.0))
 _STIFFENING: tuple[Shape, ...] = tuple(
     {"lag_s": lag, "glass_c": glass, "width_k": width}
-    for lag in (0.0, 180.0, 400.0)
+    for lag in (0.0, 180.0, 400.0, 1200.0)
     for glass in (-35.0, -25.0, -15.0, -5.0)
     for width in (5.0, 12.0)
 )
@@ -137,13 +137,13 @@ SHUPE_EFFECTS = (
         "T_in - T_out",
         "usual dynamic temperature model",
         "Bias follows the temperature difference between inside and case.",
-        ({"lag_s": 0.0}, {"lag_s": 400.0}),
+        ({"lag_s": 0.0}, {"lag_s": 400.0}, {"lag_s": 1200.0}),
         curve=Curve(Input.GRADIENT),
     ),
 )
 
 
-RELAXATIONS: tuple[Shape, ...] = tuple({"lag_s": lag} for lag in (1500.0, 2700.0, 5400.0))
+RELAXATIONS: tuple[Shape, ...] = tuple({"lag_s": lag} for lag in (1200.0, 2500.0, 5400.0))
 _PER_KELVIN = (Parameter("bias_dph_per_k", -50.0, 50.0, DPH.per("K")),)
 
 
@@ -168,7 +168,7 @@ MEMORY_EFFECTS = (
         "T_in less its slow follower",
         "heat flow between sensor and coil",
         "What sets the bias follows the temperature sensor late.",
-        tuple({"lag_s": lag} for lag in (60.0, 200.0, 500.0)),
+        tuple({"lag_s": lag} for lag in (60.0, 200.0, 500.0, 1200.0)),
     ),
     Effect(
         "relaxation",

@@ -26,6 +26,8 @@ _TEMPERATURES = Input.T_IN | Input.T_OUT | Input.WARMING | Input.GRADIENT
 _DIRECTIONS = Input.ANGLE | Input.ATTITUDE
 _OF_ATTITUDE = 0.15
 """What the formula of a field or of gravity may miss, as TOLERANCE for temperatures."""
+_UNSETTLED = 0.2
+"""The same for a memory that had not settled when the record began, as every formula takes it to have."""
 _PARTS = 50.0
 """Independent parts in which the misfit of a formula shows, over all runs."""
 _EXACT = (10.0, 0.003)
@@ -265,17 +267,20 @@ def _missed(one: Effect, other: Effect) -> float:
 
     Temperatures are measured at one or two places, and all that follows them follows their changes and their
     memory, too; a free curve only what it is over. Attitudes are known; what a field does with them less so. Of
-    rates, even functions are akin, and odd ones: a curve bends as it will, and keeps its parity.
+    rates, even functions are akin, and odd ones: a curve bends as it will, and keeps its parity. A memory is
+    settled at its first value in every formula; what it was in truth dies away like something that warms up.
     """
     if one.parity is not None and one.parity == other.parity:
         return TOLERANCE
     if one.unit != other.unit:
         return 0.0
-    common = one.inputs & other.inputs
+    common, either = one.inputs & other.inputs, one.inputs | other.inputs
     curves = [each for each in (one, other) if isinstance(each, FreeCurve)]
     if curves:
         least = MISFIT if any(curve.local for curve in curves) else TOLERANCE
         return least if common & (_TEMPERATURES | Input.TIME) else 0.0
     if (one.inputs & _TEMPERATURES and other.inputs & _TEMPERATURES) or common & (Input.TIME | Input.CLOCKS):
         return TOLERANCE
+    if either & Input.TIME and either & _TEMPERATURES:
+        return _UNSETTLED
     return _OF_ATTITUDE if common & _DIRECTIONS else 0.0
