@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.base.arrays import Array
 from simulators.effects._effect import DPH, Curve, Effect, Input, Parameter, Shape, SlowRates
@@ -32,9 +36,69 @@ def _over_the_records(rates: SlowRates) -> tuple[Shape, ...]:
     """Return thresholds over all temperatures that the records show; none where they show no two."""
     spans = [(float(s.t_in_c.min()), float(s.t_in_c.max())) for s, _ in rates.records]
     low, high = min(span[0] for span in spans), max(span[1] for span in spans)
-    return _grid(low + 0.5 * _APART_K, high) if high - low > _APART_K else ()
+    if high - low <= _APART_K:
+        return ()
+    return (*_grid(low + 0.5 * _APART_K, high), *_standing_out(rates.records, low, high))
 
 
+def _standing_out(records: Sequence[tuple[Stimulus, Array]], low_c: float, high_c: float) -> list[Shape]:
+    """Return the sharp hops that take most away of the records' means over blocks, there and back."""
+    blocks = [found for each in records if (found := _Blocks.of(*each)) is not None]
+    places_c = np.arange(low_c + _COARSE_K, high_c, _COARSE_K)
+    gain = np.stack([_gained(blocks, places_c, loop_k) for loop_k in _LOOPS_K])
+    shapes: list[Shape] = []
+    for _ in range(_PROPOSED):
+        about_c = float(places_c[int(gain.max(axis=0).argmax())])
+        near_c = np.arange(about_c - _COARSE_K, about_c + _COARSE_K, _FINE_K)
+        fine = np.stack([_gained(blocks, near_c, loop_k) for loop_k in _FINE_LOOPS_K])
+        k, place = np.unravel_index(int(fine.argmax()), fine.shape)
+        hop = {"at_c": float(near_c[place]), "loop_k": _FINE_LOOPS_K[k]}
+        shapes.append(hop | {"lag_s": 0.0, "width_k": _FINE_K, "toward_case": 0.0})
+        gain[:, np.abs(places_c - about_c) < _APART_K] = 0.0
+    return shapes
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """A record as means over blocks: the samples of `s` in their middle, and the output there.
+
+    The run's own level, and what is proportional to temperature in it, are left out by `base` (m, 2).
+    """
+
+    s: Stimulus
+    middle: NDArray[np.int64]
+    base: Array
+    rest: Array
+
+    @classmethod
+    def of(cls, s: Stimulus, output: Array) -> _Blocks | None:
+        """Return a record's blocks; None where its temperature hardly changes."""
+        count = len(output) // _BLOCK
+        if np.ptp(s.warm_k) < _COARSE_K or count < _BLOCK:
+            return None
+        means = output[: count * _BLOCK].reshape(count, _BLOCK).mean(axis=1)
+        seen = np.flatnonzero(np.isfinite(means))
+        middle = seen * _BLOCK + _BLOCK // 2
+        base, _ = np.linalg.qr(np.stack((np.ones(len(seen)), s.warm_k[middle]), axis=1))
+        return cls(s, middle, base, means[seen] - base @ (base.T @ means[seen]))
+
+
+def _gained(blocks: Sequence[_Blocks], places_c: Array, loop_k: float) -> Array:
+    """Return the energy of the records that a hop at each place takes away, (places,); its size is one in all."""
+    across, own = np.zeros(len(places_c)), np.full(len(places_c), 1e-12)
+    for each in blocks:
+        pushed_c = each.s.t_in_c + each.s.slack(each.s.warm_k, 0.5 * loop_k)
+        hops = np.sign(pushed_c[each.middle, None] - places_c)
+        hops -= each.base @ (each.base.T @ hops)
+        across += hops.T @ each.rest
+        own += np.square(hops).sum(axis=0)
+    return np.asarray(np.square(across) / own)
+
+
+_BLOCK = 4
+_COARSE_K, _FINE_K = 1.0, 0.1
+_LOOPS_K, _FINE_LOOPS_K = (0.0, 1.0, 3.0), (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.5)
+_PROPOSED = 3
 _APART_K = 5.0
 MODE_HOP = Effect(
     "mode_hop",

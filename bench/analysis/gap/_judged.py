@@ -23,6 +23,7 @@ from simulators.effects import Effect, Input
 
 _UNKNOWN_PRIOR = 5.0
 _TEMPERATURES = Input.T_IN | Input.T_OUT | Input.WARMING | Input.GRADIENT
+_DYNAMIC = Input.WARMING | Input.GRADIENT | Input.HISTORY
 _DIRECTIONS = Input.ANGLE | Input.ATTITUDE
 _OF_ATTITUDE = 0.15
 """What the formula of a field or of gravity may miss, as TOLERANCE for temperatures."""
@@ -281,6 +282,6 @@ def _missed(one: Effect, other: Effect) -> float:
         return least if common & (_TEMPERATURES | Input.TIME) else 0.0
     if (one.inputs & _TEMPERATURES and other.inputs & _TEMPERATURES) or common & (Input.TIME | Input.CLOCKS):
         return TOLERANCE
-    if either & Input.TIME and either & _TEMPERATURES:
+    if either & Input.TIME and either & _DYNAMIC:
         return _UNSETTLED
     return _OF_ATTITUDE if common & _DIRECTIONS else 0.0

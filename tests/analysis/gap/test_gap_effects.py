@@ -166,6 +166,32 @@ def test_a_mode_hop_back_is_later_by_its_loop() -> None:
     assert np.mean(np.abs(without - expected) > 0.5) > 0.1
 
 
+@pytest.mark.parametrize(("at_c", "loop_k"), [(13.7, 1.8), (-4.2, 0.0), (8.0, 3.0)])
+def test_where_a_hop_is_and_how_wide_its_loop_is_read_off_the_records(at_c: float, loop_k: float) -> None:
+    """A relay with two thresholds, sample by sample; noise of a third of it, a slope beside, rows missing."""
+    n, rng, records = 9_000, np.random.default_rng(4), []
+    time_s = np.arange(1.0, n + 1.0)
+    for phase in (0.0, 2.0):
+        t_in_c = at_c + 1.5 + 14.0 * np.sin(2.0 * math.pi * time_s / 4_400.0 + phase)
+        over, output = t_in_c[0] > at_c, np.empty(n)
+        for k, now_c in enumerate(t_in_c):
+            over = now_c > at_c - 0.5 * loop_k if over else now_c > at_c + 0.5 * loop_k
+            output[k] = -3.0 * over
+        output += 0.2 * t_in_c + rng.normal(0.0, 1.0, n)
+        output[500:900] = np.nan
+        records.append((Stimulus(time_s, t_in_c, t_in_c, np.zeros(n + 1), np.zeros(n), 39.1), output))
+    propose, none = effect("mode_hop").propose, np.zeros(0)
+    assert propose is not None
+    first = propose(SlowRates(none, none, none.astype(np.int64), records))[-3]
+    assert first["at_c"] == pytest.approx(at_c, abs=0.15)
+    assert first["loop_k"] == pytest.approx(loop_k, abs=0.3)
+
+
+def test_no_lag_from_a_minute_to_an_hour_and_a_half_lies_between_the_grids() -> None:
+    lags_s = [[shape["lag_s"] for shape in effect(name).shapes] for name in ("thermal_lag", "relaxation")]
+    assert min(lags_s[0]) <= 60.0 and max(lags_s[0]) == min(lags_s[1]) and max(lags_s[1]) >= 5400.0
+
+
 def test_what_hops_may_be_nearer_to_the_case() -> None:
     s = stimulus(12_000)
     shape = {"at_c": -5.0, "lag_s": 0.0, "width_k": 0.01, "loop_k": 0.0}
