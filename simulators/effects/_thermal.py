@@ -75,6 +75,7 @@ _STIFFENING: tuple[Shape, ...] = tuple(
     for width in (5.0, 12.0)
 )
 _PER_WARMING = DPH.per("(K/min)")
+_STRAIGHT = 1e-4
 
 
 def _shupe(s: Stimulus, shape: Shape) -> tuple[Array, ...]:
@@ -84,8 +85,11 @@ def _shupe(s: Stimulus, shape: Shape) -> tuple[Array, ...]:
 
 
 def _cross(s: Stimulus, shape: Shape) -> Array:
-    lag_s = shape["lag_s"]
-    return s.lagged(s.warm_k, lag_s) / SPAN_K * s.lagged(s.warming_k_per_min, lag_s)
+    """Return the rate of temperature change times a sensitivity, 0 and of slope 1 at 25 degC: a line, or bent."""
+    lag_s, growth = shape["lag_s"], shape.get("growth", 0.0)
+    relative = s.lagged(s.warm_k, lag_s) / SPAN_K
+    bent = relative if abs(growth) < _STRAIGHT else np.expm1(growth * relative) / growth
+    return bent * s.lagged(s.warming_k_per_min, lag_s)
 
 
 def _cold_stress(s: Stimulus, shape: Shape) -> Array:
@@ -114,9 +118,12 @@ SHUPE_EFFECTS = (
         _cross,
         Input.T_IN | Input.WARMING,
         "T_in times dT_in/dt",
-        "stepwise regression of laser gyros: terms T dT/dt",
-        "The sensitivity to the rate of temperature change grows with temperature.",
-        _SHUPE_LAGS,
+        "stepwise regression of laser gyros: terms T dT/dt; Arrhenius 1889 (growth)",
+        "The sensitivity to the rate of temperature change grows with temperature, or towards the cold.",
+        (
+            *({**lag, "growth": 0.0} for lag in _SHUPE_LAGS),
+            *({"lag_s": lag_s, "growth": growth} for growth in (-3.0, 3.0) for lag_s in (0.0, 180.0, 800.0)),
+        ),
     ),
     Effect(
         "cold_stress",
