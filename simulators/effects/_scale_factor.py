@@ -17,6 +17,12 @@ def _late(s: Stimulus, shape: Shape) -> Array:
     return s.lagged(s.warm_k, shape["lag_s"]) if shape.get("static", 0.0) else behind(s, shape)
 
 
+def _both_ways(s: Stimulus, _: Shape) -> Array:
+    """Half of the rate's magnitude as a part of the rate: its sign, more in a sample in which the rate turns."""
+    rate = s.input_rate_dph
+    return np.asarray(0.5 * s.mean_speed_dph / np.where(rate == 0.0, 1.0, rate))
+
+
 SCALE_FACTOR_OVER_TEMPERATURE = (
     Effect(
         "scale_factor_temperature",
@@ -84,7 +90,7 @@ SCALE_FACTOR_OVER_RATE = (
     Effect(
         "scale_factor_asymmetry",
         (Parameter("asymmetry_ppm", -1e5, 1e5, PPM),),
-        lambda s, _: np.asarray(0.5 * np.sign(s.input_rate_dph)),
+        _both_ways,
         Input.RATE,
         "magnitude of rate",
         "IEEE Std 952, scale-factor asymmetry",

@@ -151,6 +151,8 @@ SHUPE_EFFECTS = (
 
 
 RELAXATIONS: tuple[Shape, ...] = tuple({"lag_s": lag} for lag in (1200.0, 2500.0, 5400.0))
+_BENT = 2.0
+"""Logarithm of what the slope of a bent bias grows by in 50 K, as tried."""
 _PER_KELVIN = (Parameter("bias_dph_per_k", -50.0, 50.0, DPH.per("K")),)
 
 
@@ -162,8 +164,11 @@ def _loop(s: Stimulus, shape: Shape) -> Array:
 
 
 def behind(s: Stimulus, shape: Shape) -> Array:
-    """T_in less its slow follower."""
-    return s.warm_k - s.lagged(s.warm_k, shape["lag_s"])
+    """T_in less its slow follower; with `growth` what is late is bent over temperature, of slope 1 at 25 degC."""
+    late_k, growth = s.lagged(s.warm_k, shape["lag_s"]), shape.get("growth", 0.0) / SPAN_K
+    if abs(growth) < _STRAIGHT / SPAN_K:
+        return s.warm_k - late_k
+    return np.asarray((np.exp(growth * s.warm_k) - np.exp(growth * late_k)) / growth)
 
 
 MEMORY_EFFECTS = (
@@ -175,7 +180,10 @@ MEMORY_EFFECTS = (
         "T_in less its slow follower",
         "heat flow between sensor and coil",
         "What sets the bias follows the temperature sensor late.",
-        tuple({"lag_s": lag} for lag in (60.0, 200.0, 500.0, 1200.0)),
+        (
+            *({"lag_s": lag, "growth": 0.0} for lag in (60.0, 200.0, 500.0, 1200.0)),
+            *({"lag_s": lag, "growth": growth} for lag in (150.0, 600.0) for growth in (-_BENT, _BENT)),
+        ),
     ),
     Effect(
         "relaxation",
@@ -185,7 +193,10 @@ MEMORY_EFFECTS = (
         "T_in less its slow follower",
         "slow tail after a shock; hysteresis in lag form",
         "Bias relaxes slowly after the temperature has settled.",
-        RELAXATIONS,
+        (
+            *({**lag, "growth": 0.0} for lag in RELAXATIONS),
+            *({"lag_s": 2500.0, "growth": growth} for growth in (-_BENT, _BENT)),
+        ),
     ),
     Effect(
         "hysteresis",

@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from typing import NoReturn, cast
 
+import numpy as np
+
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 from simulators.effects._stimulus import REFERENCE_C, Stimulus, gain
@@ -79,6 +81,7 @@ class AtRate(_InPlaceOfStimulus):
 
     def __init__(self, rate_dph: Array) -> None:
         self.input_rate_dph = rate_dph
+        self.mean_speed_dph = np.abs(rate_dph)
         self.axis_rate_dps = rate_dph / 3600.0
 
     def __len__(self) -> int:
