@@ -187,6 +187,63 @@ def test_where_a_hop_is_and_how_wide_its_loop_is_read_off_the_records(at_c: floa
     assert first["loop_k"] == pytest.approx(loop_k, abs=0.3)
 
 
+@pytest.mark.parametrize("known_edges", [True, False])
+def test_an_asymmetry_counts_the_magnitude_within_samples_in_which_the_rate_turns(known_edges: bool) -> None:
+    """A swing with 4 s to a quarter, against the integral of its magnitude on a grid 1,000 times finer."""
+    n, peak_dps, omega = 400, 9.0, 2.0 * math.pi / 16.0
+    edges_s = np.arange(n + 1.0) + 0.37
+    angle_deg = -peak_dps / omega * np.cos(omega * edges_s)
+    at_edges = peak_dps * np.sin(omega * edges_s) if known_edges else None
+    warm = np.full(n, 25.0)
+    s = Stimulus(edges_s[1:], warm, warm, angle_deg, np.full(n, 90.0), 0.0, edge_rate_dps=at_edges)
+    fine_s = edges_s[0] + (np.arange(n * 1000) + 0.5) / 1000.0
+    expected = np.abs(3600.0 * peak_dps * np.sin(omega * fine_s)).reshape(n, 1000).mean(axis=1)
+    inside = slice(2, -2)  # at a record's ends nothing says where the rate goes
+    assert s.mean_speed_dph[inside] == pytest.approx(expected[inside], abs=1e-3 * 3600.0 * peak_dps)
+    assert np.abs(np.abs(s.input_rate_dph) - expected).max() > 0.02 * 3600.0 * peak_dps
+    column = effect("scale_factor_asymmetry").columns(s, {})[0]
+    assert column == pytest.approx(0.5e-6 * s.mean_speed_dph)
+
+
+@given(first=st.floats(0.1, 40.0), last=st.floats(0.1, 40.0))
+def test_the_mean_magnitude_of_a_rate_that_reverses_steadily(first: float, last: float) -> None:
+    """Two triangles under a straight line: (a^2 + b^2) / (2 (a + b)) for a rate from a to -b."""
+    edges = np.array([first, -last])
+    angle_deg = np.array([0.0, edges.mean()])
+    warm, up = np.full(1, 25.0), np.full(1, 90.0)
+    s = Stimulus(np.ones(1), warm, warm, angle_deg, up, 0.0, edge_rate_dps=edges)
+    expected = (first**2 + last**2) / (2.0 * (first + last))
+    assert s.mean_speed_dph[0] / 3600.0 == pytest.approx(expected, rel=0.02, abs=0.01)
+
+
+def test_what_is_late_and_bent_is_the_difference_of_two_exponentials() -> None:
+    """A body 300 s late after a step of 30 K, its bias exponential in temperature: by hand, second by second."""
+    n, lag_s, growth = 3_000, 300.0, -1.7
+    t_in_c = np.where(np.arange(n) < 600, 20.0, -10.0)
+    s = Stimulus(np.arange(1.0, n + 1.0), t_in_c, t_in_c, np.zeros(n + 1), np.zeros(n), 39.1)
+    column = effect("thermal_lag").columns(s, {"lag_s": lag_s, "growth": growth})[0]
+    body_k = -5.0 - 30.0 * (1.0 - np.exp(-np.maximum(np.arange(n) - 599.0, 0.0) / lag_s))
+    inside_k = t_in_c - 25.0
+    expected = 50.0 / growth * (np.exp(growth * inside_k / 50.0) - np.exp(growth * body_k / 50.0))
+    settled = np.abs(np.arange(n) - 600) > 60  # the thermometer's reading is smoothed over a minute
+    assert column[settled] == pytest.approx(expected[settled], abs=0.02 * np.abs(expected).max())
+    straight = effect("thermal_lag").columns(s, {"lag_s": lag_s})[0]
+    nearly = effect("thermal_lag").columns(s, {"lag_s": lag_s, "growth": 1e-3})[0]
+    assert nearly == pytest.approx(straight, abs=1e-3 * np.abs(straight).max())
+    assert np.abs(column - straight).max() > 0.2 * np.abs(straight).max()
+
+
+def test_a_sensitivity_to_warming_may_grow_as_arrhenius_has_it() -> None:
+    s = stimulus(9_000)
+    straight = effect("shupe_cross").columns(s, {"lag_s": 0.0})[0]
+    for growth in (-2.5, 2.5):
+        bent = effect("shupe_cross").columns(s, {"lag_s": 0.0, "growth": growth})[0]
+        far = np.abs(s.warm_k) > 0.1
+        exponent = growth * s.warm_k[far] / 50.0
+        assert bent[far] == pytest.approx(np.expm1(exponent) / exponent * straight[far])
+    assert effect("shupe_cross").columns(s, {"lag_s": 0.0, "growth": 0.0})[0] == pytest.approx(straight)
+
+
 def test_no_lag_from_a_minute_to_an_hour_and_a_half_lies_between_the_grids() -> None:
     lags_s = [[shape["lag_s"] for shape in effect(name).shapes] for name in ("thermal_lag", "relaxation")]
     assert min(lags_s[0]) <= 60.0 and max(lags_s[0]) == min(lags_s[1]) and max(lags_s[1]) >= 5400.0
