@@ -19,7 +19,12 @@ from bench.analysis.gap._noise import Noise, power_of
 from bench.analysis.gap._prepare import Prepared
 from bench.analysis.gap._where import RegimePlace, regime_map
 from bench.analysis.gap._which import Found, left_of_runs
+from drivers.base.arrays import Array
 from simulators.effects import Variant
+
+
+_REACHED = 10.0
+"""Times the median of their standard deviations from which on nodes of a curve are not shown."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +45,10 @@ class UnknownPart:
     term: Term | None = None
 
 
-def _curve_part(variant: Variant, values: Sequence[float]) -> UnknownPart:
-    """Describe a free curve that was fitted."""
+def _curve_part(
+    variant: Variant, values: Sequence[float], sigmas: Sequence[float] | Array = ()
+) -> UnknownPart:
+    """Describe a free curve that was fitted; nodes that the runs hardly reach, by their `sigmas`, are left out."""
     term = Term(variant, tuple(values), (0.0,) * len(values))
     effect = variant.effect
     if not isinstance(effect, FreeCurve):
@@ -56,6 +63,9 @@ def _curve_part(variant: Variant, values: Sequence[float]) -> UnknownPart:
     unit, kind = ("ppm of rate", "Scale factor") if effect.curve.of_rate else ("deg/h", "Bias")
     along = INPUTS[effect.curve.over]
     inputs, curve = effect.drawn(variant.shape, values)
+    if effect.nodes and len(sigmas):
+        reached = np.array(sigmas) <= _REACHED * np.median(sigmas)
+        inputs, curve = inputs[reached], curve[reached]
     at = tuple(round(each, 2) for each in along.shown(inputs).tolist())
     top = int(np.argmax(np.abs(curve)))
     late = f", {lag_s:.0f} s late" if lag_s else ""
@@ -151,7 +161,8 @@ def unknown_parts(
     for member in sorted(best.members):
         k = len(found.posterior.candidates[member].columns)
         if isinstance(variants[member].effect, FreeCurve):
-            parts.append(_curve_part(variants[member], best.solution.values[at : at + k].tolist()))
+            sigmas = np.sqrt(np.diag(best.solution.covariance)[at : at + k])
+            parts.append(_curve_part(variants[member], best.solution.values[at : at + k].tolist(), sigmas))
         at += k
     if found.line is not None and best.line:
         parts.append(_line_part(found.line))

@@ -141,6 +141,10 @@ def test_what_is_unknown_is_told_by_its_input_its_largest_value_and_its_lag():
     scale = next(each for each in both["scale factor over dT_in/dt"] if len(each.effect.nodes) == 2)
     told = _curve_part(scale, [-7.0, 2.0]).sentence
     assert told.startswith("Scale factor follows dT_in/dt, by a curve") and "largest, -7 ppm of rate" in told
+    wide = next(each for each in both["bias over T_in"] if len(each.effect.nodes) == 4)
+    reached = _curve_part(wide, [0.5, -2.0, 1.0, -4e6], [0.1, 0.2, 0.1, 3e6])
+    assert reached.curve == (0.5, -2.0, 1.0) and "largest, -2 deg/h" in reached.sentence
+    assert reached.term.values == (0.5, -2.0, 1.0, -4e6) and len(reached.at) == 3
     settling = both["bias over time since power-on"][0]
     assert _curve_part(settling, [1.0]).at == (round(TURNING.stimulus.time_s[-1], 2),)
     angle = _curve_part(both["rate over table angle"][0], [0.1, 0.2, 0.0, -9.0, 0.3, 0.0, 1.0, 0.0])
