@@ -22,7 +22,6 @@ from bench.analysis.gap._which import Found, left_of_runs
 from drivers.base.arrays import Array
 from simulators.effects import Variant
 
-
 _REACHED = 10.0
 """Times the median of their standard deviations from which on nodes of a curve are not shown."""
 
@@ -48,7 +47,7 @@ class UnknownPart:
 def _curve_part(
     variant: Variant, values: Sequence[float], sigmas: Sequence[float] | Array = ()
 ) -> UnknownPart:
-    """Describe a free curve that was fitted; nodes that the runs hardly reach, by their `sigmas`, are left out."""
+    """Describe a free curve that was fitted, without nodes that by their `sigmas` the runs hardly reach."""
     term = Term(variant, tuple(values), (0.0,) * len(values))
     effect = variant.effect
     if not isinstance(effect, FreeCurve):
