@@ -10,7 +10,7 @@ from simulators.effects._stimulus import REFERENCE_C, Stimulus
 
 SPAN_K = 50.0
 """Temperatures count in this many kelvins, so that the coefficients of all powers are of one size."""
-LAGS: tuple[Shape, ...] = tuple({"lag_s": lag} for lag in (0.0, 150.0, 400.0, 1200.0))
+LAGS: tuple[Shape, ...] = tuple({"lag_s": lag} for lag in (0.0, 150.0, 400.0))
 
 
 def power(order: int) -> Formula:
@@ -70,7 +70,7 @@ POLYNOMIAL_EFFECTS = (
 _SHUPE_LAGS: tuple[Shape, ...] = tuple({"lag_s": lag} for lag in (0.0, 60.0, 180.0, 400.0, 800.0))
 _STIFFENING: tuple[Shape, ...] = tuple(
     {"lag_s": lag, "glass_c": glass, "width_k": width}
-    for lag in (0.0, 180.0, 400.0, 1200.0)
+    for lag in (0.0, 180.0, 400.0)
     for glass in (-35.0, -25.0, -15.0, -5.0)
     for width in (5.0, 12.0)
 )
