@@ -26,6 +26,8 @@ _CLEAR = 10.0
 _MOST_CONFIRMING = 2
 """Runs in a row that may fail to confirm an answer: what was fitted does not foretell, a third tells no more."""
 
+_LEAST_PROCEDURES = 4
+"""Procedures of which runs were made before a search ends: what acts in none of them is in no diagnosis."""
 _MOST_ALIKE = 4
 """Explanations that an answer may leave open: as many as a diagnosis names as one cause."""
 _IN_VAIN, _SOME_IN_VAIN, _MOST_IN_VAIN = 0.1, 2, 4
@@ -62,7 +64,7 @@ class Conclusion:
     """Where a search stands after its runs.
 
     `confirmed` is None as long as nothing has the probability asked for, then whether what acts was seen in a
-    run that it was not fitted to; `unseen` are the names that such a run has to show. `until`: the
+    run that it was not fitted to, any of them; `unseen` are the names that such a run has to show. `until`: the
     probability asked for; `given` are the runs in their order, `nominal` is the model before them.
     """
 
@@ -90,8 +92,7 @@ class Conclusion:
     @cached_property
     def one_of_shown(self) -> bool:
         """Whether one of these was found without a run and is in it."""
-        runs = range(len(self.given) - 1, -1, -1)
-        return any(_confirmed(self.one_of, self.given, self.nominal, without)[0] for without in runs)
+        return _confirmed(self.one_of, self.given, self.nominal)[0]
 
     @property
     def verdict(self) -> str:
@@ -135,10 +136,25 @@ def next_choice(
     A design that was made and told less than was expected of it is expected to tell that much less again, and so
     are the others of its kind. After two in a row that told nothing every run is: what is foretold of what is
     left open is wrong. The search has ended, too, where a few effects are left that no run would tell apart.
+    Before it ends, with an answer or without, runs of several procedures were made.
     """
+    choice, ended = _next(now, left_h, order, usable, history)
+    if ended and ended != BUDGET:
+        choice = of_another_procedure(now, left_h, usable, history)
+    return choice, "" if choice else ended
+
+
+def _next(
+    now: Conclusion,
+    left_h: float,
+    order: Order,
+    usable: Callable[[Design], bool],
+    history: Sequence[Told],
+) -> tuple[Choice | None, str]:
+    """Return the run to make by what is left open, or None and how the search would end."""
     if now.confirmed is not None:
         tries = list(takewhile(lambda told: told.confirming == now.acts, reversed(history)))
-        if not now.confirmed and len(tries) == _MOST_CONFIRMING:
+        if not now.confirmed and len(tries) >= _MOST_CONFIRMING:
             return None, UNDECIDED
         choice = None if now.confirmed else now.outlook.showing(now.unseen, left_h, _CLEAR)
         return choice, "" if choice else DECIDED
@@ -163,6 +179,29 @@ def next_choice(
         new = [each for each in fitting if each.design.key not in made]
         choice = _sooner(fitting if choice else new, now.until, choice) or choice
     return choice, "" if choice else UNDECIDED if fitting else BUDGET
+
+
+def of_another_procedure(
+    now: Conclusion,
+    left_h: float,
+    usable: Callable[[Design], bool] = lambda design: True,
+    history: Sequence[Told] = (),
+) -> Choice | None:
+    """Return the run, of a procedure not made so far, that comes before an end; None after enough procedures.
+
+    Of those that fit into the bench time left it is the one with most information an hour.
+    """
+    made = {_procedure(told.design) for told in history}
+    if len(made) >= _LEAST_PROCEDURES:
+        return None
+    return next(
+        (
+            each
+            for each in now.outlook.choices(left_h)
+            if each.design.procedure not in made and usable(each.design)
+        ),
+        None,
+    )
 
 
 def _sooner(choices: Sequence[Choice], until: float, first: Choice | None) -> Choice | None:
@@ -238,6 +277,10 @@ def _kind(design: str) -> str:
     return " ".join((procedure, *sorted(settings)))
 
 
+def _procedure(design: str) -> str:
+    return str(json.loads(design)[0])
+
+
 def by_name(probabilities: Mapping[frozenset[str], float]) -> dict[str, float]:
     """Return probabilities by the names that act, as they are written and told."""
     return {" + ".join(sorted(label)) or NO_GAP: value for label, value in probabilities.items()}
@@ -271,16 +314,28 @@ def _diagnosed(
 
 
 def _confirmed(
-    labels: Sequence[frozenset[str]], runs: Sequence[Recordings], model: Model, without: int = -1
+    labels: Sequence[frozenset[str]], runs: Sequence[Recordings], model: Model
 ) -> tuple[bool, frozenset[str]]:
-    """Return whether a run, the newest, has shown one of some explanations that was found without it.
+    """Return whether any run, the newest first, has shown one of some explanations that was found without it.
 
-    Else what is to be shown of the first of them.
+    Else what the newest has to show of the first of them.
     """
-    first = labels[0]
-    if not first:
+    if not labels[0]:
         return True, frozenset()
-    held_out = runs[without]
+    unseen: list[frozenset[str]] = []
+    for held_out in reversed(runs):
+        seen, missing = _seen_in(held_out, labels, runs, model)
+        if seen:
+            return True, frozenset()
+        unseen.append(missing)
+    return False, unseen[0]
+
+
+def _seen_in(
+    held_out: Recordings, labels: Sequence[frozenset[str]], runs: Sequence[Recordings], model: Model
+) -> tuple[bool, frozenset[str]]:
+    """Return whether a run has shown one of some explanations, found without it; else what it has not shown."""
+    first = labels[0]
     before = _diagnosed([run for run in runs if run is not held_out], model, [held_out])
     if before is None:
         return False, first

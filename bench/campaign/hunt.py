@@ -34,6 +34,7 @@ from bench.campaign._conclusion import (
     conclude,
     fewest,
     next_choice,
+    of_another_procedure,
 )
 from bench.campaign._file import CampaignRun
 from bench.campaign._folder import HUNT_FILE, CampaignFolder, RunState, refuse_used
@@ -62,6 +63,7 @@ __all__ = [
     "conclude",
     "fewest",
     "next_choice",
+    "of_another_procedure",
     "steps_of",
 ]
 
@@ -184,7 +186,7 @@ class Hunt:
         if choice is None:
             return None
         run = _run_of(choice.design, len(self.folder.campaign.runs) + 1)
-        self.choose(choice, run, len(now.outlook.designs), to_confirm=now.confirmed is False)
+        self.choose(choice, run, len(now.outlook.designs), to_confirm=now.confirmed is not None)
         return run
 
     def note(self, now: Conclusion, ended: str = "") -> None:

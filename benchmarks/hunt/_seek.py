@@ -88,7 +88,7 @@ def seek(plant: HuntPlant, case: Case, name: str, strategy: Strategy) -> Searche
         if design is None:
             break
         used_h += design.hours
-        to_confirm = now.confirmed is False
+        to_confirm = now.confirmed is not None
         confirming = now.acts if to_confirm else ""
         before = by_name(now.outlook.probabilities)
         runs.append(Made(design.key, plant.recorded(design, case.gap, case.seed, len(runs))))

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from bench.analysis.gap import Design, suggest
-from bench.campaign.hunt import BUDGET, DECIDED, Conclusion, Told, next_choice
+from bench.campaign.hunt import BUDGET, DECIDED, Conclusion, Told, next_choice, of_another_procedure
 from benchmarks.gap_exam._signals import drawn
 from benchmarks.hunt._plants import HuntPlant, tests_at
 
@@ -47,7 +47,7 @@ class Other:
     """A strategy that makes its run whatever the search would, until the answer is confirmed."""
 
     def next(self, now: Conclusion, left_h: float, told: Sequence[Told]) -> tuple[Design | None, float, str]:
-        if now.confirmed:
+        if now.confirmed and of_another_procedure(now, left_h, history=told) is None:
             return None, 0.0, DECIDED
         for design in self.wanted(now):
             if design.hours <= left_h:

@@ -32,6 +32,10 @@ def ran(procedure, expected, gained, confirming="", **settings):
     return Told(key_of(procedure, settings), expected, gained, confirming)
 
 
+ENOUGH = [ran(name, 0.1, 0.1) for name in ("p", "q", "r", "s")]
+"""Runs of so many procedures that a search may end."""
+
+
 def after(choices, confirmed=None, showing=None, probabilities=None, within=None):
     outlook = SimpleNamespace(
         choices=lambda most_h: [each for each in choices if each.design.hours <= most_h],
@@ -79,7 +83,8 @@ def test_a_few_that_no_run_tells_apart_end_the_search_if_a_run_has_shown_one_of_
     def then(probabilities=alike, within=None, shown=True, history=()):
         within = within or {"a": 0.02, "b": 0.01}
         monkeypatch.setattr(Conclusion, "one_of_shown", shown)
-        return next_choice(after(choices, None, confirming, probabilities, within), 9.0, history=history)
+        now = after(choices, None, confirming, probabilities, within)
+        return next_choice(now, 9.0, history=[*ENOUGH, *history])
 
     assert then() == (None, ALIKE)
     assert then(within={"a": 0.02, "b": 0.03})[0] == choices[0]
@@ -124,7 +129,7 @@ def test_a_run_that_told_nothing_makes_place_for_another():
     assert next_choice(now, 9.0)[0].design.procedure == "a"
     chosen, ended = next_choice(now, 9.0, history=[ran("a", 0.5, 0.0)])
     assert chosen.design.procedure == "b" and ended == ""
-    nothing = [ran("a", 5.0, 0.0), ran("b", 5.0, 0.0)] * 5
+    nothing = [*ENOUGH, *[ran("a", 5.0, 0.0), ran("b", 5.0, 0.0)] * 5]
     assert next_choice(now, 9.0, history=nothing) == (None, UNDECIDED)
 
 
@@ -151,7 +156,8 @@ def test_a_search_is_open_when_four_runs_in_a_row_told_nothing():
         [vain] * 4 + [told],
     ):
         assert next_choice(now, 9.0, history=history)[0].design.procedure == "a"
-    assert next_choice(now, 9.0, history=[told, *[vain] * 2, confirming, *[vain] * 2]) == (None, UNDECIDED)
+    history = [*ENOUGH, told, *[vain] * 2, confirming, *[vain] * 2]
+    assert next_choice(now, 9.0, history=history) == (None, UNDECIDED)
 
 
 def test_of_two_runs_that_would_end_the_search_the_shorter_is_made():
@@ -174,7 +180,8 @@ def test_small_doubts_are_closed_by_short_runs_as_long_as_a_longer_one_is_worth_
     # a run that tells next to nothing but would end the search is made once, then the search is open
     last = Choice(design("last", 3.0), 0.002, 0.96)
     assert next_choice(after([last, little]), 20.0) == (last, "")
-    assert next_choice(after([last, little]), 20.0, history=[ran("last", 0.002, 0.0)]) == (None, UNDECIDED)
+    history = [*ENOUGH, ran("last", 0.002, 0.0)]
+    assert next_choice(after([last, little]), 20.0, history=history) == (None, UNDECIDED)
 
 
 def test_an_answer_that_two_runs_in_a_row_did_not_confirm_is_open():
@@ -246,3 +253,37 @@ def test_an_answer_ends_the_search_when_it_was_seen_again_or_cannot_be():
     assert next_choice(after([], False, confirming), 9.0) == (confirming, "")
     assert next_choice(after([], False), 9.0) == (None, DECIDED)
     assert next_choice(after([Choice(design("a", 9.5), 1.0)]), 9.0) == (None, BUDGET)
+
+
+def test_a_search_ends_only_after_runs_of_four_procedures_that_fit_into_the_bench_time():
+    again, slow = Choice(design("p", 0.5, rate_dps=2.0), 0.9), Choice(design("u", 4.0), 0.3)
+    quick, ramp = Choice(design("t", 1.0), 0.1), Choice(design("t", 1.5, low_c=-40.0), 0.05)
+    bench = [again, quick, ramp, slow]  # by information an hour
+    three = [*ENOUGH[:3], ran("r", 0.1, 0.1, low_c=-40.0)]
+    for confirmed, ended in ((True, DECIDED), (False, DECIDED)):
+        answered = after(bench, confirmed)
+        assert next_choice(answered, 9.0, history=ENOUGH) == (None, ended)
+        assert next_choice(answered, 9.0, history=three) == (quick, "")
+        # a repeat of a procedure is none, and what does not fit or is not usable is not made
+        assert next_choice(answered, 0.9, history=three) == (None, ended)
+        usable = next_choice(answered, 9.0, usable=lambda each: each.procedure != "t", history=three)
+        assert usable == (slow, "")
+    # an end without an answer comes no sooner; a budget that is spent is spent
+    failed = [ran("p", 0.1, 0.1, confirming="shupe")] * 2
+    assert next_choice(after(bench, False), 9.0, history=failed) == (quick, "")
+    assert next_choice(after(bench, False), 9.0, history=[*ENOUGH, *failed]) == (None, UNDECIDED)
+    assert next_choice(after(bench), 0.1, history=three) == (None, BUDGET)
+
+
+def test_what_is_named_may_have_shown_in_any_run_that_was_left_out(monkeypatch):
+    """The newest run may be one in which it does not act."""
+    seen, first = [], frozenset({"shupe"})
+
+    def judged(held_out, labels, runs, model):
+        seen.append(held_out)
+        return (True, frozenset()) if held_out == 2 else (False, frozenset({f"run {held_out}"}))
+
+    monkeypatch.setattr(_conclusion, "_seen_in", judged)
+    assert _conclusion._confirmed([first], [1, 2, 3], None) == (True, frozenset())
+    assert seen == [3, 2]
+    assert _conclusion._confirmed([first], [1, 3], None) == (False, frozenset({"run 3"}))
