@@ -21,12 +21,13 @@ _LITTLE = 0.25
 """Part of it that a run must tell where a longer one is worth making."""
 _DOUBT_NATS = 0.02
 """Information as expected that stands beside what a design's runs told, so that a run of little says little."""
-_CLEAR = 10.0
-"""Standard deviations above the noise that a run must show of an explanation to confirm it."""
+_CLEAR, _FAINT = 10.0, 5.0
+"""Standard deviations above the noise that a run must show of an explanation to confirm it; if no run does, the
+least."""
 _MOST_CONFIRMING = 2
 """Runs in a row that may fail to confirm an answer: what was fitted does not foretell, a third tells no more."""
 
-_LEAST_PROCEDURES = 4
+_LEAST_PROCEDURES = 3
 """Procedures of which runs were made before a search ends: what acts in none of them is in no diagnosis."""
 _MOST_ALIKE = 4
 """Explanations that an answer may leave open: as many as a diagnosis names as one cause."""
@@ -64,8 +65,8 @@ class Conclusion:
     """Where a search stands after its runs.
 
     `confirmed` is None as long as nothing has the probability asked for, then whether what acts was seen in a
-    run that it was not fitted to, any of them; `unseen` are the names that such a run has to show. `until`: the
-    probability asked for; `given` are the runs in their order, `nominal` is the model before them.
+    run, any of them, after it was found in those before; `unseen` are the names that such a run has to show.
+    `until`: the probability asked for; `given` are the runs in their order, `nominal` is the model before them.
     """
 
     outlook: Outlook
@@ -92,7 +93,12 @@ class Conclusion:
     @cached_property
     def one_of_shown(self) -> bool:
         """Whether one of these was found without a run and is in it."""
-        return _confirmed(self.one_of, self.given, self.nominal)[0]
+        return any(
+            _seen_in(held_out, self.one_of, [run for run in self.given if run is not held_out], self.nominal)[
+                0
+            ]
+            for held_out in reversed(self.given)
+        )
 
     @property
     def verdict(self) -> str:
@@ -156,8 +162,7 @@ def _next(
         tries = list(takewhile(lambda told: told.confirming == now.acts, reversed(history)))
         if not now.confirmed and len(tries) >= _MOST_CONFIRMING:
             return None, UNDECIDED
-        choice = None if now.confirmed else now.outlook.showing(now.unseen, left_h, _CLEAR)
-        return choice, "" if choice else DECIDED
+        return (None, DECIDED) if now.confirmed else _confirming(now, left_h)
     if _in_vain(history) >= _MOST_IN_VAIN:
         return None, UNDECIDED
     told = _Told.of(history)
@@ -181,6 +186,17 @@ def _next(
     return choice, "" if choice else UNDECIDED if fitting else BUDGET
 
 
+def _confirming(now: Conclusion, left_h: float) -> tuple[Choice | None, str]:
+    """Return the run in which what is named shows, or None and how the search would end.
+
+    What no run of the bench shows is undecided; what a longer run than is left shows is decided, not confirmed.
+    """
+    for least in (_CLEAR, _FAINT):
+        if choice := now.outlook.showing(now.unseen, left_h, least):
+            return choice, ""
+    return None, DECIDED if now.outlook.showing(now.unseen, math.inf, _FAINT) else UNDECIDED
+
+
 def of_another_procedure(
     now: Conclusion,
     left_h: float,
@@ -189,19 +205,22 @@ def of_another_procedure(
 ) -> Choice | None:
     """Return the run, of a procedure not made so far, that comes before an end; None after enough procedures.
 
-    Of those that fit into the bench time left it is the one with most information an hour.
+    It is the one with most information of those that last no longer than the runs so far together, or the
+    shortest.
     """
     made = {_procedure(told.design) for told in history}
     if len(made) >= _LEAST_PROCEDURES:
         return None
-    return next(
-        (
-            each
-            for each in now.outlook.choices(left_h)
-            if each.design.procedure not in made and usable(each.design)
-        ),
-        None,
-    )
+    own_h = {each.key: each.hours for each in now.outlook.designs}
+    spent_h = sum(own_h.get(told.design, 0.0) for told in history)
+    others = [
+        each
+        for each in now.outlook.choices(left_h)
+        if each.design.procedure not in made and usable(each.design)
+    ]
+    most_h = max(spent_h, min((each.design.hours for each in others), default=0.0))
+    fitting = [each for each in others if each.design.hours <= most_h]
+    return max(fitting, key=lambda each: each.nats, default=None)
 
 
 def _sooner(choices: Sequence[Choice], until: float, first: Choice | None) -> Choice | None:
@@ -316,15 +335,15 @@ def _diagnosed(
 def _confirmed(
     labels: Sequence[frozenset[str]], runs: Sequence[Recordings], model: Model
 ) -> tuple[bool, frozenset[str]]:
-    """Return whether any run, the newest first, has shown one of some explanations that was found without it.
+    """Return whether any run, the newest first, has shown one of some explanations found in the runs before it.
 
-    Else what the newest has to show of the first of them.
+    Else what a further run has to show of the first of them.
     """
     if not labels[0]:
         return True, frozenset()
     unseen: list[frozenset[str]] = []
-    for held_out in reversed(runs):
-        seen, missing = _seen_in(held_out, labels, runs, model)
+    for place, held_out in reversed([*enumerate(runs)]):
+        seen, missing = _seen_in(held_out, labels, runs[:place], model)
         if seen:
             return True, frozenset()
         unseen.append(missing)
@@ -332,11 +351,11 @@ def _confirmed(
 
 
 def _seen_in(
-    held_out: Recordings, labels: Sequence[frozenset[str]], runs: Sequence[Recordings], model: Model
+    held_out: Recordings, labels: Sequence[frozenset[str]], others: Sequence[Recordings], model: Model
 ) -> tuple[bool, frozenset[str]]:
-    """Return whether a run has shown one of some explanations, found without it; else what it has not shown."""
+    """Return whether a run has shown one of some explanations found in others; else what it has not shown."""
     first = labels[0]
-    before = _diagnosed([run for run in runs if run is not held_out], model, [held_out])
+    before = _diagnosed(others, model, [held_out])
     if before is None:
         return False, first
     unknown = {gap.UNKNOWN} if before.rate.unknown_probability > 0.5 else set()

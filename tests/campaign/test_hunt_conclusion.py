@@ -32,14 +32,14 @@ def ran(procedure, expected, gained, confirming="", **settings):
     return Told(key_of(procedure, settings), expected, gained, confirming)
 
 
-ENOUGH = [ran(name, 0.1, 0.1) for name in ("p", "q", "r", "s")]
+ENOUGH = [ran(name, 0.1, 0.1) for name in ("p", "q", "r")]
 """Runs of so many procedures that a search may end."""
 
 
 def after(choices, confirmed=None, showing=None, probabilities=None, within=None):
     outlook = SimpleNamespace(
         choices=lambda most_h: [each for each in choices if each.design.hours <= most_h],
-        showing=lambda names, most_h, least: showing,
+        showing=lambda names, most_h, least: showing if showing and showing.design.hours <= most_h else None,
         probabilities=probabilities or {frozenset({"shupe"}): 0.9, frozenset(): 0.1},
         leading=SimpleNamespace(label=frozenset({"shupe"})),
         designs=[each.design for each in choices],
@@ -251,39 +251,62 @@ def test_an_answer_ends_the_search_when_it_was_seen_again_or_cannot_be():
     confirming = Choice(design("c", 1.0), math.nan)
     assert next_choice(after([], True), 9.0) == (None, DECIDED)
     assert next_choice(after([], False, confirming), 9.0) == (confirming, "")
-    assert next_choice(after([], False), 9.0) == (None, DECIDED)
+    # of what no run shows nothing is decided; of what the bench time is too short for it is, unconfirmed
+    assert next_choice(after([], False), 9.0) == (None, UNDECIDED)
+    assert next_choice(after([], False, confirming), 0.5) == (None, DECIDED)
     assert next_choice(after([Choice(design("a", 9.5), 1.0)]), 9.0) == (None, BUDGET)
 
 
-def test_a_search_ends_only_after_runs_of_four_procedures_that_fit_into_the_bench_time():
+def test_a_search_ends_only_after_runs_of_three_procedures_that_fit_into_the_bench_time():
     again, slow = Choice(design("p", 0.5, rate_dps=2.0), 0.9), Choice(design("u", 4.0), 0.3)
     quick, ramp = Choice(design("t", 1.0), 0.1), Choice(design("t", 1.5, low_c=-40.0), 0.05)
     bench = [again, quick, ramp, slow]  # by information an hour
-    three = [*ENOUGH[:3], ran("r", 0.1, 0.1, low_c=-40.0)]
-    for confirmed, ended in ((True, DECIDED), (False, DECIDED)):
+    two = [*ENOUGH[:2], ran("q", 0.1, 0.1, low_c=-40.0)]
+    for confirmed, ended in ((True, DECIDED), (False, UNDECIDED)):
         answered = after(bench, confirmed)
         assert next_choice(answered, 9.0, history=ENOUGH) == (None, ended)
-        assert next_choice(answered, 9.0, history=three) == (quick, "")
+        assert next_choice(answered, 9.0, history=two) == (quick, "")
         # a repeat of a procedure is none, and what does not fit or is not usable is not made
-        assert next_choice(answered, 0.9, history=three) == (None, ended)
-        usable = next_choice(answered, 9.0, usable=lambda each: each.procedure != "t", history=three)
+        assert next_choice(answered, 0.9, history=two) == (None, ended)
+        usable = next_choice(answered, 9.0, usable=lambda each: each.procedure != "t", history=two)
         assert usable == (slow, "")
     # an end without an answer comes no sooner; a budget that is spent is spent
     failed = [ran("p", 0.1, 0.1, confirming="shupe")] * 2
     assert next_choice(after(bench, False), 9.0, history=failed) == (quick, "")
     assert next_choice(after(bench, False), 9.0, history=[*ENOUGH, *failed]) == (None, UNDECIDED)
-    assert next_choice(after(bench), 0.1, history=three) == (None, BUDGET)
+    assert next_choice(after(bench), 0.1, history=two) == (None, BUDGET)
 
 
-def test_what_is_named_may_have_shown_in_any_run_that_was_left_out(monkeypatch):
+def test_a_run_before_an_end_lasts_no_longer_than_the_runs_so_far_together():
+    dear, quick = Choice(design("u", 4.0), 0.3), Choice(design("t", 1.0), 0.1)
+    for spent_h, chosen in ((3.0, quick), (4.5, dear)):
+        again = Choice(design("p", spent_h), 0.01)
+        made = ENOUGH[:2]
+        assert next_choice(after([quick, dear, again], True), 9.0, history=made) == (chosen, "")
+
+
+def test_what_is_named_may_have_shown_in_any_run_after_those_that_it_was_found_in(monkeypatch):
     """The newest run may be one in which it does not act."""
     seen, first = [], frozenset({"shupe"})
 
-    def judged(held_out, labels, runs, model):
+    def judged(held_out, labels, others, model):
+        assert others == [run for run in (1, 2, 3) if run < held_out]
         seen.append(held_out)
         return (True, frozenset()) if held_out == 2 else (False, frozenset({f"run {held_out}"}))
 
     monkeypatch.setattr(_conclusion, "_seen_in", judged)
     assert _conclusion._confirmed([first], [1, 2, 3], None) == (True, frozenset())
     assert seen == [3, 2]
-    assert _conclusion._confirmed([first], [1, 3], None) == (False, frozenset({"run 3"}))
+    assert _conclusion._confirmed([first], [1], None) == (False, frozenset({"run 1"}))
+
+
+def test_what_no_run_shows_clearly_is_confirmed_in_one_that_shows_it_faintly():
+    faint, asked = Choice(design("c", 1.0), math.nan), []
+    now = after([], False)
+
+    def showing(names, most_h, least):
+        asked.append((most_h, least))
+        return faint if least == 5.0 else None
+
+    now.outlook.showing = showing
+    assert next_choice(now, 9.0) == (faint, "") and asked == [(9.0, 10.0), (9.0, 5.0)]
