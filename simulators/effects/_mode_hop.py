@@ -87,7 +87,7 @@ def _gained(blocks: Sequence[_Blocks], places_c: Array, loop_k: float) -> Array:
     """Return the energy of the records that a hop at each place takes away, (places,); its size is one in all."""
     across, own = np.zeros(len(places_c)), np.full(len(places_c), 1e-12)
     for each in blocks:
-        pushed_c = each.s.t_in_c + each.s.slack(each.s.warm_k, 0.5 * loop_k)
+        pushed_c = each.s.warm_k + REFERENCE_C + each.s.slack(each.s.warm_k, 0.5 * loop_k)
         hops = np.sign(pushed_c[each.middle, None] - places_c)
         hops -= each.base @ (each.base.T @ hops)
         across += hops.T @ each.rest
@@ -96,6 +96,7 @@ def _gained(blocks: Sequence[_Blocks], places_c: Array, loop_k: float) -> Array:
 
 
 _BLOCK = 4
+"""Samples whose mean is compared: in a shock the temperature passes a loop in a minute."""
 _COARSE_K, _FINE_K = 1.0, 0.1
 _LOOPS_K, _FINE_LOOPS_K = (0.0, 1.0, 3.0), (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.5)
 _PROPOSED = 3
