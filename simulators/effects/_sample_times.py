@@ -7,7 +7,7 @@ import numpy as np
 from drivers.base.arrays import Array
 from simulators.effects._channel import ChannelEffect, ChannelInputs, Values
 from simulators.effects._effect import PPM, Effect, Input, Parameter, Shape, Unit
-from simulators.effects._stimulus import Stimulus, smooth_edges
+from simulators.effects._stimulus import Stimulus
 
 _SIDES: tuple[Shape, ...] = tuple({"side": side} for side in (0.0, 0.5, -0.5, 1.0, -1.0))
 
@@ -32,7 +32,18 @@ def _edges(rate: Array) -> Array:
     forward, backward = _edge_values(rate), _edge_values(rate[::-1])[::-1]
     late = np.append(rate, rate[-1])
     early = np.insert(rate, 0, rate[0])
-    return np.stack((early, backward, smooth_edges(rate), forward, late))
+    return np.stack((early, backward, _smooth_edges(rate), forward, late))
+
+
+def _smooth_edges(means: Array) -> Array:
+    """Return values at the edges (n + 1,) of a smooth signal from its means (n,), never beyond both neighbours.
+
+    Fourth order: Colella and Woodward, J. Comput. Phys. 54, 1984, eq. 1.9.
+    """
+    wide = np.pad(means, 2, mode="edge")
+    left, right = wide[1:-2], wide[2:-1]
+    edges = (7.0 * (left + right) - wide[:-3] - wide[3:]) / 12.0
+    return np.asarray(np.clip(edges, np.minimum(left, right), np.maximum(left, right)))
 
 
 def _edge_values(means: Array) -> Array:

@@ -67,27 +67,22 @@ class Stimulus:
     def mean_speed_dph(self) -> Array:
         """Mean magnitude of the input rate over each sample, deg/h, (n,): more than its mean's where it turns.
 
-        There the rate is a parabola through its values at the edges (Colella and Woodward 1984, eq. 1.4).
+        There the rate is a parabola through its values at the edges (Colella and Woodward 1984, eq. 1.4); where
+        these are not known nothing says how it turns.
         """
         rate = self.input_rate_dph
-        first, last = self._edge_rates_dph
-        at = np.flatnonzero((np.sign(first) != np.sign(last)) | (np.sign(rate) != np.sign(last)))
         speed = np.abs(rate)
+        if self.edge_rate_dps is None:
+            return speed
+        along = 3600.0 * np.sin(np.radians(self.elevation_deg))
+        earth = rate - 3600.0 * self.axis_rate_dps
+        first, last = (along * edge + earth for edge in (self.edge_rate_dps[:-1], self.edge_rate_dps[1:]))
+        at = np.flatnonzero((np.sign(first) != np.sign(last)) | (np.sign(rate) != np.sign(last)))
         inside = (np.arange(_PARTS) + 0.5)[:, None] / _PARTS
         bulge = 6.0 * (rate[at] - 0.5 * (first[at] + last[at]))
         within = first[at] + inside * (last[at] - first[at] + bulge * (1.0 - inside))
         speed[at] = np.maximum(np.abs(within).mean(axis=0), speed[at])
         return speed
-
-    @property
-    def _edge_rates_dph(self) -> tuple[Array, Array]:
-        """Input rate at the beginning and at the end of each sample, deg/h, (n,) each."""
-        if self.edge_rate_dps is None:
-            edges = smooth_edges(self.input_rate_dph)
-            return edges[:-1], edges[1:]
-        along = 3600.0 * np.sin(np.radians(self.elevation_deg))
-        earth = self.input_rate_dph - 3600.0 * self.axis_rate_dps
-        return along * self.edge_rate_dps[:-1] + earth, along * self.edge_rate_dps[1:] + earth
 
     def harmonic(self, order: int) -> Array:
         """Return the means over each sample of cos and sin of `order` times the table angle, (2, n).
@@ -171,17 +166,6 @@ class Stimulus:
 
         width = max(1, round(SMOOTHING_S / self.period_s))
         return np.asarray(uniform_filter1d(values, width | 1, mode="nearest"))
-
-
-def smooth_edges(means: Array) -> Array:
-    """Return values at the edges (n + 1,) of a smooth signal from its means (n,), never beyond both neighbours.
-
-    Fourth order: Colella and Woodward, J. Comput. Phys. 54, 1984, eq. 1.9.
-    """
-    wide = np.pad(means, 2, mode="edge")
-    left, right = wide[1:-2], wide[2:-1]
-    edges = (7.0 * (left + right) - wide[:-3] - wide[3:]) / 12.0
-    return np.asarray(np.clip(edges, np.minimum(left, right), np.maximum(left, right)))
 
 
 def play(values: Array, half_width: float) -> Array:
