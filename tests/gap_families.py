@@ -25,6 +25,11 @@ def still(n, step_s=1.0, **changed):
     return Stage(**{**fields, **changed})
 
 
+def run(stages, code, repeat=0):
+    """The run of a campaign by its code and repeat."""
+    return next(stage for stage in stages if (stage.code, stage.repeat) == (code, repeat))
+
+
 def deviations(family, taus, n, step_s=1.0, units=6):
     """Root of the mean square of the Allan deviations of null units at rest, deg/h."""
     squares = []

@@ -93,12 +93,11 @@ class Conclusion:
     @cached_property
     def one_of_shown(self) -> bool:
         """Whether one of these was found without a run and is in it."""
-        return any(
-            _seen_in(held_out, self.one_of, [run for run in self.given if run is not held_out], self.nominal)[
-                0
-            ]
-            for held_out in reversed(self.given)
-        )
+        for held_out in reversed(self.given):
+            others = [run for run in self.given if run is not held_out]
+            if _seen_in(held_out, self.one_of, others, self.nominal)[0]:
+                return True
+        return False
 
     @property
     def verdict(self) -> str:
@@ -341,13 +340,9 @@ def _confirmed(
     """
     if not labels[0]:
         return True, frozenset()
-    unseen: list[frozenset[str]] = []
-    for place, held_out in reversed([*enumerate(runs)]):
-        seen, missing = _seen_in(held_out, labels, runs[:place], model)
-        if seen:
-            return True, frozenset()
-        unseen.append(missing)
-    return False, unseen[0]
+    looks = (_seen_in(runs[place], labels, runs[:place], model) for place in reversed(range(len(runs))))
+    newest = next(looks)
+    return (True, frozenset()) if newest[0] or any(seen for seen, _ in looks) else newest
 
 
 def _seen_in(

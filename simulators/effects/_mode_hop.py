@@ -47,7 +47,7 @@ def _standing_out(records: Sequence[tuple[Stimulus, Array]], low_c: float, high_
     places_c = np.arange(low_c + _COARSE_K, high_c, _COARSE_K)
     gain = np.stack([_gained(blocks, places_c, loop_k) for loop_k in _LOOPS_K])
     shapes: list[Shape] = []
-    for _ in range(_PROPOSED):
+    while len(shapes) < _PROPOSED and gain.any():
         about_c = float(places_c[int(gain.max(axis=0).argmax())])
         near_c = np.arange(about_c - _COARSE_K, about_c + _COARSE_K, _FINE_K)
         fine = np.stack([_gained(blocks, near_c, loop_k) for loop_k in _FINE_LOOPS_K])

@@ -76,6 +76,7 @@ _STIFFENING: tuple[Shape, ...] = tuple(
 )
 _PER_WARMING = DPH.per("(K/min)")
 _STRAIGHT = 1e-4
+"""Growth in 50 K below which a sensitivity is a straight line."""
 
 
 def _shupe(s: Stimulus, shape: Shape) -> tuple[Array, ...]:
@@ -85,11 +86,15 @@ def _shupe(s: Stimulus, shape: Shape) -> tuple[Array, ...]:
 
 
 def _cross(s: Stimulus, shape: Shape) -> Array:
-    """Return the rate of temperature change times a sensitivity, 0 and of slope 1 at 25 degC: a line, or bent."""
-    lag_s, growth = shape["lag_s"], shape.get("growth", 0.0)
-    relative = s.lagged(s.warm_k, lag_s) / SPAN_K
-    bent = relative if abs(growth) < _STRAIGHT else np.expm1(growth * relative) / growth
-    return bent * s.lagged(s.warming_k_per_min, lag_s)
+    """Return the rate of temperature change times a sensitivity that is 0 at 25 degC: a line there, or bent."""
+    lag_s = shape["lag_s"]
+    return _bent(s.lagged(s.warm_k, lag_s), shape) * s.lagged(s.warming_k_per_min, lag_s)
+
+
+def _bent(above_k: Array, shape: Shape) -> Array:
+    """Return temperatures above 25 degC in 50 K, bent: of slope 1 there, e^growth times as steep at 75 degC."""
+    relative, growth = above_k / SPAN_K, shape.get("growth", 0.0)
+    return relative if abs(growth) < _STRAIGHT else np.expm1(growth * relative) / growth
 
 
 def _cold_stress(s: Stimulus, shape: Shape) -> Array:
@@ -164,11 +169,8 @@ def _loop(s: Stimulus, shape: Shape) -> Array:
 
 
 def behind(s: Stimulus, shape: Shape) -> Array:
-    """T_in less its slow follower; with `growth` what is late is bent over temperature, of slope 1 at 25 degC."""
-    late_k, growth = s.lagged(s.warm_k, shape["lag_s"]), shape.get("growth", 0.0) / SPAN_K
-    if abs(growth) < _STRAIGHT / SPAN_K:
-        return s.warm_k - late_k
-    return np.asarray((np.exp(growth * s.warm_k) - np.exp(growth * late_k)) / growth)
+    """T_in less its slow follower, both bent over temperature where there is a `growth`."""
+    return SPAN_K * (_bent(s.warm_k, shape) - _bent(s.lagged(s.warm_k, shape["lag_s"]), shape))
 
 
 MEMORY_EFFECTS = (

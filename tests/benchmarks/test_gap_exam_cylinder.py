@@ -13,7 +13,7 @@ from benchmarks.gap_exam._cylinder import CYLINDER, NOISY, SHEET
 from benchmarks.gap_exam._geometry import sensed_dph
 from benchmarks.gap_exam._make import draw_unit
 from drivers.base.constants import earth_rate_north_dph, earth_rate_up_dph
-from tests.gap_families import deviations, null_residual, share_of_the_column, still
+from tests.gap_families import deviations, null_residual, run, share_of_the_column, still
 
 
 @pytest.fixture(scope="module")
@@ -24,10 +24,6 @@ def unit():
 @pytest.fixture(scope="module")
 def stages(unit):
     return CYLINDER.campaign(unit)
-
-
-def run(stages, code, repeat=0):
-    return next(stage for stage in stages if (stage.code, stage.repeat) == (code, repeat))
 
 
 # heat ---------------------------------------------------------------------------------------------------------

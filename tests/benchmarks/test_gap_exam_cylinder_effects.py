@@ -11,7 +11,7 @@ from benchmarks.gap_exam._cylinder import CYLINDER
 from benchmarks.gap_exam._geometry import sensed_dph
 from benchmarks.gap_exam._make import draw_unit
 from drivers.base.constants import earth_rate_up_dph
-from tests.gap_families import repeats_apart, still
+from tests.gap_families import repeats_apart, run, still
 
 
 @pytest.fixture(scope="module")
@@ -22,10 +22,6 @@ def unit():
 @pytest.fixture(scope="module")
 def stages(unit):
     return CYLINDER.campaign(unit)
-
-
-def run(stages, code, repeat=0):
-    return next(stage for stage in stages if (stage.code, stage.repeat) == (code, repeat))
 
 
 def signal(unit, stage, name, size=1.0):

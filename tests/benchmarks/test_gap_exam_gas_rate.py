@@ -12,7 +12,7 @@ from benchmarks.gap_exam import _gas_rate_effects as effects
 from benchmarks.gap_exam._gas_rate import GAS_RATE, SHEET
 from benchmarks.gap_exam._geometry import sensed_dph
 from benchmarks.gap_exam._make import draw_unit
-from tests.gap_families import deviations, null_residual, repeats_apart, share_of_the_column, still
+from tests.gap_families import deviations, null_residual, repeats_apart, run, share_of_the_column, still
 
 
 @pytest.fixture(scope="module")
@@ -23,10 +23,6 @@ def unit():
 @pytest.fixture(scope="module")
 def stages(unit):
     return GAS_RATE.campaign(unit)
-
-
-def run(stages, code, repeat=0):
-    return next(stage for stage in stages if (stage.code, stage.repeat) == (code, repeat))
 
 
 def signal(unit, stage, name, size=1.0):

@@ -19,7 +19,6 @@ from bench.analysis.gap._noise import Noise, power_of
 from bench.analysis.gap._prepare import Prepared
 from bench.analysis.gap._where import RegimePlace, regime_map
 from bench.analysis.gap._which import Found, left_of_runs
-from drivers.base.arrays import Array
 from simulators.effects import Variant
 
 _REACHED = 10.0
@@ -44,9 +43,7 @@ class UnknownPart:
     term: Term | None = None
 
 
-def _curve_part(
-    variant: Variant, values: Sequence[float], sigmas: Sequence[float] | Array = ()
-) -> UnknownPart:
+def _curve_part(variant: Variant, values: Sequence[float], sigmas: Sequence[float] = ()) -> UnknownPart:
     """Describe a free curve that was fitted, without nodes that by their `sigmas` the runs hardly reach."""
     term = Term(variant, tuple(values), (0.0,) * len(values))
     effect = variant.effect
@@ -160,8 +157,11 @@ def unknown_parts(
     for member in sorted(best.members):
         k = len(found.posterior.candidates[member].columns)
         if isinstance(variants[member].effect, FreeCurve):
-            sigmas = np.sqrt(np.diag(best.solution.covariance)[at : at + k])
-            parts.append(_curve_part(variants[member], best.solution.values[at : at + k].tolist(), sigmas))
+            values, variances = best.solution.values, np.diag(best.solution.covariance)
+            own = slice(at, at + k)
+            parts.append(
+                _curve_part(variants[member], values[own].tolist(), np.sqrt(variances[own]).tolist())
+            )
         at += k
     if found.line is not None and best.line:
         parts.append(_line_part(found.line))

@@ -245,6 +245,29 @@ def test_a_sensitivity_to_warming_may_grow_as_arrhenius_has_it() -> None:
     assert effect("shupe_cross").columns(s, {"lag_s": 0.0, "growth": 0.0})[0] == pytest.approx(straight)
 
 
+def test_records_that_show_no_hop_propose_none_beside_the_grid() -> None:
+    """Runs each at one temperature, a run without a row, and one in which nothing is left."""
+    n, none, propose = 400, np.zeros(0), effect("mode_hop").propose
+    assert propose is not None
+    sweep = stimulus(4000)
+
+    def at(level_c: float) -> Stimulus:
+        return Stimulus(
+            np.arange(1.0, n + 1.0), *[np.full(n, level_c)] * 2, np.zeros(n + 1), np.zeros(n), 39.1
+        )
+
+    def shapes(*records: tuple[Stimulus, np.ndarray]) -> list[dict[str, float]]:
+        return list(propose(SlowRates(none, none, none.astype(np.int64), records)))
+
+    steady = shapes((at(-20.0), np.zeros(n)), (at(30.0), np.ones(n)))
+    assert steady and len({tuple(shape.values()) for shape in steady}) == len(steady)
+    assert not any(
+        shape["width_k"] == 0.1 and shape["loop_k"] == 0.0 == shape["toward_case"] for shape in steady
+    )
+    for output in (np.full(4000, np.nan), np.zeros(4000)):
+        assert len(shapes((sweep, output))) % 6 == 0  # the grid's six forms at every place, and no more
+
+
 def test_no_lag_from_a_minute_to_an_hour_and_a_half_lies_between_the_grids() -> None:
     lags_s = [[shape["lag_s"] for shape in effect(name).shapes] for name in ("thermal_lag", "relaxation")]
     assert min(lags_s[0]) <= 60.0 and max(lags_s[0]) == min(lags_s[1]) and max(lags_s[1]) >= 5400.0
