@@ -213,14 +213,11 @@ class Effect:
         """
         if not self.inputs or self.inputs & ~(Input.RATE | Input.TABLE_RATE):
             return None
-        still, time_s = np.full(len(_RATES_DPS), REFERENCE_C), np.cumsum(np.ones(len(_RATES_DPS)))
-        turned_deg = np.concatenate(([0.0], np.cumsum(_RATES_DPS)))
-        forth, back = (
-            self.columns(
-                Stimulus(time_s, still, still, angle_deg, np.full(len(still), 90.0), 0.0), self.shapes[0]
-            )[0]
-            for angle_deg in (turned_deg, -turned_deg)
-        )
+        rates_dps = np.repeat(_RATES_DPS, 2) * np.tile((1.0, -1.0), len(_RATES_DPS))
+        still = np.full(len(rates_dps), REFERENCE_C)
+        angle_deg = np.concatenate(([0.0], np.cumsum(rates_dps)))
+        s = Stimulus(np.cumsum(np.ones(len(still))), still, still, angle_deg, np.full(len(still), 90.0), 0.0)
+        forth, back = self.columns(s, self.shapes[0])[0].reshape(-1, 2).T
         size = float(np.abs(forth).max())
         if np.abs(forth[_RATES_DPS > _FAST_DPS]).max() < _SLOW_PART * size:
             return None
