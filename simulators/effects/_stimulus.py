@@ -77,10 +77,13 @@ class Stimulus:
         along = 3600.0 * np.sin(np.radians(self.elevation_deg))
         earth = rate - 3600.0 * self.axis_rate_dps
         first, last = (along * edge + earth for edge in (self.edge_rate_dps[:-1], self.edge_rate_dps[1:]))
-        at = np.flatnonzero((np.sign(first) != np.sign(last)) | (np.sign(rate) != np.sign(last)))
+        bulge = 6.0 * (rate - 0.5 * (first + last))
+        steep = np.where(bulge == 0.0, 1.0, bulge)
+        crest = np.clip(0.5 + 0.5 * (last - first) / steep, 0.0, 1.0)
+        extreme = first + crest * (last - first + bulge * (1.0 - crest))
+        at = np.flatnonzero(np.ptp(np.sign([first, last, extreme]), axis=0) > 0.0)
         inside = (np.arange(_PARTS) + 0.5)[:, None] / _PARTS
-        bulge = 6.0 * (rate[at] - 0.5 * (first[at] + last[at]))
-        within = first[at] + inside * (last[at] - first[at] + bulge * (1.0 - inside))
+        within = first[at] + inside * (last[at] - first[at] + bulge[at] * (1.0 - inside))
         speed[at] = np.maximum(np.abs(within).mean(axis=0), speed[at])
         return speed
 
