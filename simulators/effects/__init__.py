@@ -36,7 +36,7 @@ from simulators.effects._effect import (
     Variant,
 )
 from simulators.effects._learned import FORMS, LearnedForm, learned_shape
-from simulators.effects._stimulus import REFERENCE_C, Stimulus
+from simulators.effects._stimulus import REFERENCE_C, STEADY_DPS, Stimulus
 
 __all__ = [
     "CATALOGUE",
@@ -45,6 +45,7 @@ __all__ = [
     "FORMS",
     "PPM",
     "REFERENCE_C",
+    "STEADY_DPS",
     "AnyEffect",
     "AppliedBySecond",
     "Causal",

@@ -12,6 +12,7 @@ from drivers.base.arrays import Array
 from drivers.base.constants import ARCSEC_RAD
 from simulators.effects._disturbance import Disturbance, Draws, Finding, Record, SamplePath
 from simulators.effects._effect import Parameter, Unit
+from simulators.effects._stimulus import STEADY_DPS
 
 _OUTLIER, _FAR = 5.0, 8.0
 """Standard deviations by which a sample must stand off its neighbours, itself or with the next one: where many
@@ -23,7 +24,6 @@ _KINDS = 1.5
 """All that is beyond a limit to single samples: of pairs alone noise has half as many as of those."""
 _MANY = 1e-4
 """Probability of as many by chance, with tails as heavy as the record's own, from which they are impulses."""
-_STEADY_DPS = 0.02
 _REACH = 5
 """How far away the samples are that one is held against, at most; the one next to it may hold a part of it."""
 _NEAR = 41
@@ -87,7 +87,7 @@ def _with_turns(records: Sequence[Record], places_s: Sequence[Array]) -> bool:
         for record, speed, own_s in zip(records, speeds, places_s, strict=True)
     ]
     slowest = float(np.concatenate(at).min(initial=math.inf))
-    part = float(np.mean(np.concatenate(speeds) >= slowest - _STEADY_DPS))
+    part = float(np.mean(np.concatenate(speeds) >= slowest - STEADY_DPS))
     return part ** sum(map(len, at)) < _BY_CHANCE
 
 
@@ -125,7 +125,7 @@ def _off_neighbours(record: Record) -> tuple[Array, Array]:
     # all neighbours with the table's rate the same
     still = np.ones(n, dtype=bool)
     for values, least in (
-        (record.stimulus.table_rate_dps, _STEADY_DPS),
+        (record.stimulus.table_rate_dps, STEADY_DPS),
         (record.stimulus.elevation_deg, 0.01),
     ):
         near = [np.roll(values, k) for k in range(-_REACH - 1, _REACH + 2)]

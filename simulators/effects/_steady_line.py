@@ -14,9 +14,8 @@ from drivers.base.constants import ARCSEC_RAD
 from simulators.effects._disturbance import Disturbance, Draws, Finding, Record, SamplePath
 from simulators.effects._effect import DPH, Parameter, Unit
 from simulators.effects._line_track import WANDERS, amplitude_near, tracked
-from simulators.effects._stimulus import Stimulus
+from simulators.effects._stimulus import STEADY_DPS, Stimulus
 
-_STEADY_DPS = 0.02
 _MOST_LINES = 6
 _LONGEST_S = 60.0
 """What repeats more slowly is switched by something (a compressor, a controller) and no vibration or mains."""
@@ -122,7 +121,7 @@ def _wave_of(line: _SteadyLine, folded: float, rest: Array) -> Array:
 
 
 def _is_steady(s: Stimulus) -> bool:
-    return bool(np.ptp(s.table_rate_dps) < _STEADY_DPS and np.ptp(s.elevation_deg) < 0.01 and len(s) >= 512)
+    return bool(np.ptp(s.table_rate_dps) < STEADY_DPS and np.ptp(s.elevation_deg) < 0.01 and len(s) >= 512)
 
 
 def _rest(record: Record) -> Array:
@@ -137,7 +136,7 @@ def _levelled(record: Record) -> Array:
     """Return output less model, NaN in gaps; of a table that dwells at rates less each mean, NaN between them."""
     rest, rate = _rest(record), record.stimulus.table_rate_dps
     rest[np.isnan(record.output_dph)] = np.nan
-    edges = np.flatnonzero(np.abs(np.diff(rate)) > _STEADY_DPS) + 1
+    edges = np.flatnonzero(np.abs(np.diff(rate)) > STEADY_DPS) + 1
     parts = np.split(np.arange(len(rest)), edges)
     dwells = [part for part in parts if len(part) >= _SHORTEST_DWELL]
     if 2 * sum(map(len, dwells)) < len(rest):

@@ -14,6 +14,8 @@ from drivers.base.constants import earth_rate_north_dph, earth_rate_up_dph
 
 REFERENCE_C = 25.0
 SMOOTHING_S = 60.0
+STEADY_DPS = 0.02
+"""Changes of a table's rate below which it is steady: those of its servo."""
 _PARTS = 32
 """Parts of a sample in which the rate turns."""
 

@@ -18,7 +18,7 @@ from bench.analysis.gap._noise import power_of
 from bench.analysis.gap._prepare import Prepared
 from bench.analysis.gap._which import left_of_runs
 from drivers.base.arrays import Array
-from simulators.effects import Stimulus
+from simulators.effects import STEADY_DPS, Stimulus
 
 _BLOCKS_S = (20.0, 60.0, 200.0)
 _LEVEL = 3
@@ -27,7 +27,7 @@ _SHARP = 6.5
 """Standard deviations: 8e-11 of normal differences, and there are some ten thousand of them in a campaign."""
 _APART_S, _SAME = 600.0, 0.5
 """Time by which an event may come earlier or later in another repeat, and its least part of the size there."""
-_STEADY_DPS, _LEVEL_DEG = 0.02, 0.01
+_LEVEL_DEG = 0.01
 _NEAR = 61
 """Blocks about a difference that say how large differences are there: repeats differ more where it warms."""
 
@@ -79,7 +79,7 @@ def find_jumps(data: Prepared, solution: Solution) -> Jumps | None:
 def _moves(s: Stimulus) -> NDArray[np.bool_]:
     """Return the samples, (n,), at which rate or attitude change: a scale factor makes a step of that."""
     rate, level = s.table_rate_dps, s.elevation_deg
-    changes = (np.abs(np.diff(rate)) > _STEADY_DPS) | (np.abs(np.diff(level)) > _LEVEL_DEG)
+    changes = (np.abs(np.diff(rate)) > STEADY_DPS) | (np.abs(np.diff(level)) > _LEVEL_DEG)
     return np.concatenate(([False], changes))
 
 
