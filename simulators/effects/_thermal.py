@@ -161,11 +161,22 @@ _BENT = 2.0
 _PER_KELVIN = (Parameter("bias_dph_per_k", -50.0, 50.0, DPH.per("K")),)
 
 
-def _loop(s: Stimulus, shape: Shape) -> Array:
-    """Return the mean of five play operators, `spread` is that of their widths (Prandtl-Ishlinskii model)."""
-    half, spread = shape["half_width_k"], shape.get("spread", 0.0)
+def _loop(s: Stimulus, shape: Shape) -> tuple[Array, Array]:
+    """Return what loops add, and the curve without loops: of one slope, or flat far from `centre_c` (`curl`).
+
+    The mean of five plays, `spread` is that of their widths. Relays of one width whose middles lie about a
+    temperature are a curve of one play, flat far from it (Mayergoyz, Mathematical Models of Hysteresis, 1991).
+    """
+    half, spread, curl = shape["half_width_k"], shape.get("spread", 0.0), shape.get("curl", 0.0)
     parts = (0.0,) if spread <= 0.0 else (-1.0, -0.5, 0.0, 0.5, 1.0)
-    return np.asarray(sum(s.slack(s.warm_k, half * (1.0 + spread * part)) for part in parts) / len(parts))
+    slacks = [s.slack(s.warm_k, half * (1.0 + spread * part)) for part in parts]
+    if curl < _STRAIGHT:
+        return np.asarray(sum(slacks) / len(parts)), s.warm_k
+    about_k = s.warm_k + REFERENCE_C - shape["centre_c"]
+    flat_k = SPAN_K / curl
+    reversible = flat_k * np.tanh(about_k / flat_k)
+    followed = sum(flat_k * np.tanh((about_k + slack) / flat_k) for slack in slacks) / len(parts)
+    return np.asarray(followed - reversible), reversible
 
 
 def behind(s: Stimulus, shape: Shape) -> Array:
@@ -202,16 +213,24 @@ MEMORY_EFFECTS = (
     ),
     Effect(
         "hysteresis",
-        _PER_KELVIN,
+        (*_PER_KELVIN, Parameter("reversible_dph_per_k", -50.0, 50.0, DPH.per("K"))),
         _loop,
         Input.T_IN | Input.HISTORY,
         "direction of the last change of T_in",
-        "play operator, Visintin, Differential Models of Hysteresis, 1994",
+        "play operators, Visintin, Differential Models of Hysteresis, 1994; with an envelope and a reversible "
+        "part, Al Janaideh, Rakheja and Su, Mechatronics 19, 656, 2009",
         "Bias differs between cooling and warming at the same temperature, however slow.",
-        tuple(
-            {"half_width_k": half, "spread": spread}
-            for spread in (0.0, 0.8)
-            for half in (3.0, 8.0, 16.0, 28.0)
+        (
+            *(
+                {"half_width_k": half, "spread": spread, "curl": 0.0, "centre_c": 10.0}
+                for spread in (0.0, 0.8)
+                for half in (3.0, 8.0, 16.0, 28.0)
+            ),
+            *(
+                {"half_width_k": half, "spread": 0.8, "curl": 1.2, "centre_c": centre}
+                for half in (6.0, 14.0)
+                for centre in (-20.0, 10.0, 40.0)
+            ),
         ),
     ),
 )

@@ -85,6 +85,39 @@ def test_play_stands_still_inside_its_width_and_follows_outside() -> None:
     assert followed[-1] == pytest.approx(s.warm_k[-1] + 8.0, abs=0.6)
 
 
+def test_relays_about_a_temperature_are_a_flat_curve_of_a_play() -> None:
+    """Against 4,000 relays of one width (Preisach), their middles spread as sech^2 about 5 degC."""
+    n, half_k, centre_c, curl = 6_000, 9.0, 5.0, 1.6
+    flat_k = 50.0 / curl
+    turns = np.interp(np.arange(n), np.linspace(0, n - 1, 7), [25.0, -38.0, 60.0, -10.0, 20.0, 2.0, 40.0])
+    warm = stimulus(n)
+    s = Stimulus(warm.time_s, turns, turns, warm.angle_deg, warm.elevation_deg, 39.1)
+    middles = centre_c + flat_k * np.arctanh((np.arange(4_000) + 0.5) / 2_000 - 1.0)
+    t_in_c = s.warm_k + 25.0
+    up = middles < t_in_c[0]
+    relays = np.empty(n)
+    for at, now_c in enumerate(t_in_c):
+        up = np.where(now_c > middles + half_k, True, np.where(now_c < middles - half_k, False, up))
+        relays[at] = flat_k * (2.0 * up.mean() - 1.0)
+    shape = {"half_width_k": half_k, "spread": 0.0, "curl": curl, "centre_c": centre_c}
+    loops, reversible = effect("hysteresis").columns(s, shape)
+    assert loops + reversible == pytest.approx(relays, abs=0.25)
+    assert np.abs(loops).max() > 5.0
+    assert reversible == pytest.approx(flat_k * np.tanh((t_in_c - centre_c) / flat_k))
+
+
+def test_a_curl_too_small_to_see_leaves_a_play_and_a_straight_line() -> None:
+    n = 2_000
+    t_in_c = 25.0 + 40.0 * np.sin(np.arange(n) / 150.0)
+    warm = stimulus(n)
+    s = Stimulus(warm.time_s, t_in_c, t_in_c, warm.angle_deg, warm.elevation_deg, 39.1)
+    shape = {"half_width_k": 6.0, "spread": 0.8, "curl": 2e-4, "centre_c": 25.0}
+    bent = effect("hysteresis").columns(s, shape)
+    straight = effect("hysteresis").columns(s, {**shape, "curl": 0.0})
+    for one, other in zip(bent, straight, strict=True):
+        assert one == pytest.approx(other, abs=1e-4)
+
+
 def test_warming_rate_is_in_kelvin_a_minute() -> None:
     s = stimulus(2000)
     ramp = 25.0 - 0.05 * np.arange(2000.0)
