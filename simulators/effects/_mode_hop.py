@@ -38,37 +38,42 @@ def _over_the_records(rates: SlowRates) -> tuple[Shape, ...]:
     low, high = min(span[0] for span in spans), max(span[1] for span in spans)
     if high - low <= _APART_K:
         return ()
-    return (*_grid(low + 0.5 * _APART_K, high), *_standing_out(rates.records, low, high))
+    return (*_grid(low + 0.5 * _APART_K, high), *_standing_out(rates.records))
 
 
-def _standing_out(records: Sequence[tuple[Stimulus, Array]], low_c: float, high_c: float) -> list[Shape]:
+def _standing_out(records: Sequence[tuple[Stimulus, Array]]) -> list[Shape]:
     """Return the sharp hops that take most away of the records' means over blocks, there and back."""
     blocks = [found for each in records if (found := _Blocks.of(*each)) is not None]
+    if not blocks:
+        return []
+    both_c = [each_c for each in blocks for each_c in (each.s.t_in_c, each.s.t_out_c)]
+    low_c, high_c = min(float(each.min()) for each in both_c), max(float(each.max()) for each in both_c)
     places_c = np.arange(low_c + _COARSE_K, high_c, _COARSE_K)
-    gain = np.stack([_gained(blocks, places_c, loop_k) for loop_k in _LOOPS_K])
+    parts = _PARTS if any(np.ptp(each.s.gradient_k) > _COARSE_K for each in blocks) else _PARTS[:1]
+    gain = np.stack([[_gained(blocks, places_c, loop_k, part) for loop_k in _LOOPS_K] for part in parts])
     shapes: list[Shape] = []
     while len(shapes) < _PROPOSED and gain.any():
-        about_c = float(places_c[int(gain.max(axis=0).argmax())])
+        first, _, at = np.unravel_index(int(gain.argmax()), gain.shape)
+        about_c, part = float(places_c[at]), parts[first]
         near_c = np.arange(about_c - _COARSE_K, about_c + _COARSE_K, _FINE_K)
-        fine = np.stack([_gained(blocks, near_c, loop_k) for loop_k in _FINE_LOOPS_K])
+        fine = np.stack([_gained(blocks, near_c, loop_k, part) for loop_k in _FINE_LOOPS_K])
         k, place = np.unravel_index(int(fine.argmax()), fine.shape)
         hop = {"at_c": float(near_c[place]), "loop_k": _FINE_LOOPS_K[k]}
-        shapes.append(hop | {"lag_s": 0.0, "width_k": _FINE_K, "toward_case": 0.0})
-        gain[:, np.abs(places_c - about_c) < _APART_K] = 0.0
+        shapes.append(hop | {"lag_s": 0.0, "width_k": _FINE_K, "toward_case": part})
+        gain[..., np.abs(places_c - about_c) < _APART_K] = 0.0
     return shapes
 
 
 @dataclass(frozen=True)
 class _Blocks:
-    """A record as means over blocks: the samples of `s` in their middle, and the output there.
+    """A record as means over blocks: the samples of `s` in their middle, and what is `seen` there, (m, 3).
 
-    The run's own level, and what is proportional to temperature in it, are left out by `base` (m, 2).
+    The output less the run's own level and what is proportional to temperature in it; and these two, orthonormal.
     """
 
     s: Stimulus
     middle: NDArray[np.int64]
-    base: Array
-    rest: Array
+    seen: Array
 
     @classmethod
     def of(cls, s: Stimulus, output: Array) -> _Blocks | None:
@@ -78,20 +83,27 @@ class _Blocks:
             return None
         means = output[: count * _BLOCK].reshape(count, _BLOCK).mean(axis=1)
         seen = np.flatnonzero(np.isfinite(means))
+        if len(seen) < _BLOCK:
+            return None
         middle = seen * _BLOCK + _BLOCK // 2
         base, _ = np.linalg.qr(np.stack((np.ones(len(seen)), s.warm_k[middle]), axis=1))
-        return cls(s, middle, base, means[seen] - base @ (base.T @ means[seen]))
+        return cls(s, middle, np.column_stack((means[seen] - base @ (base.T @ means[seen]), base)))
 
 
-def _gained(blocks: Sequence[_Blocks], places_c: Array, loop_k: float) -> Array:
-    """Return the energy of the records that a hop at each place takes away, (places,); its size is one in all."""
+def _gained(blocks: Sequence[_Blocks], places_c: Array, loop_k: float, part: float) -> Array:
+    """Return the energy of the records that a hop at each place takes away, (places,); its size is one in all.
+
+    Sums of what lies on either side of a place are partial sums over the blocks by temperature.
+    """
     across, own = np.zeros(len(places_c)), np.full(len(places_c), 1e-12)
     for each in blocks:
-        pushed_c = each.s.warm_k + REFERENCE_C + each.s.slack(each.s.warm_k, 0.5 * loop_k)
-        hops = np.sign(pushed_c[each.middle, None] - places_c)
-        hops -= each.base @ (each.base.T @ hops)
-        across += hops.T @ each.rest
-        own += np.square(hops).sum(axis=0)
+        warm_k = each.s.warm_k - part * each.s.gradient_k if part else each.s.warm_k
+        pushed_c = (warm_k + REFERENCE_C + each.s.slack(warm_k, 0.5 * loop_k))[each.middle]
+        order = np.argsort(pushed_c)
+        sums = np.cumsum(np.concatenate((np.zeros((1, 3)), each.seen[order])), axis=0)
+        sides = sums[-1] - 2.0 * sums[np.searchsorted(pushed_c[order], places_c)]
+        across += sides[:, 0]
+        own += np.maximum(len(order) - np.square(sides[:, 1:]).sum(axis=1), 0.0)
     return np.asarray(np.square(across) / own)
 
 
@@ -99,6 +111,8 @@ _BLOCK = 4
 """Samples whose mean is compared: in a shock the temperature passes a loop in a minute."""
 _COARSE_K, _FINE_K = 1.0, 0.1
 _LOOPS_K, _FINE_LOOPS_K = (0.0, 1.0, 3.0), (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.5)
+_PARTS = (0.0, 0.3, 0.6, 0.9)
+"""Where what hops may be between T_in and the case."""
 _PROPOSED = 3
 _APART_K = 5.0
 MODE_HOP = Effect(

@@ -200,25 +200,35 @@ def test_a_mode_hop_back_is_later_by_its_loop() -> None:
     assert np.mean(np.abs(without - expected) > 0.5) > 0.1
 
 
-@pytest.mark.parametrize(("at_c", "loop_k"), [(13.7, 1.8), (-4.2, 0.0), (8.0, 3.0)])
-def test_where_a_hop_is_and_how_wide_its_loop_is_read_off_the_records(at_c: float, loop_k: float) -> None:
-    """A relay with two thresholds, sample by sample; noise of a third of it, a slope beside, rows missing."""
+@pytest.mark.parametrize(
+    ("at_c", "loop_k", "part"), [(13.7, 1.8, 0.0), (-4.2, 0.0, 0.0), (8.0, 3.0, 0.6), (31.0, 0.5, 0.9)]
+)
+def test_where_a_hop_is_and_how_wide_its_loop_is_read_off_the_records(
+    at_c: float, loop_k: float, part: float
+) -> None:
+    """A relay with two thresholds, sample by sample; noise of a third of it, a slope beside, rows missing.
+
+    What hops is `part` of the way from the sensor to the case, whose temperature comes before and goes further.
+    """
     n, rng, records = 9_000, np.random.default_rng(4), []
     time_s = np.arange(1.0, n + 1.0)
     for phase in (0.0, 2.0):
         t_in_c = at_c + 1.5 + 14.0 * np.sin(2.0 * math.pi * time_s / 4_400.0 + phase)
-        over, output = t_in_c[0] > at_c, np.empty(n)
-        for k, now_c in enumerate(t_in_c):
+        t_out_c = at_c + 1.5 + 18.0 * np.sin(2.0 * math.pi * time_s / 4_400.0 + phase + 0.9)
+        own_c = t_in_c - part * (t_in_c - t_out_c)
+        over, output = own_c[0] > at_c, np.empty(n)
+        for k, now_c in enumerate(own_c):
             over = now_c > at_c - 0.5 * loop_k if over else now_c > at_c + 0.5 * loop_k
             output[k] = -3.0 * over
         output += 0.2 * t_in_c + rng.normal(0.0, 1.0, n)
         output[500:900] = np.nan
-        records.append((Stimulus(time_s, t_in_c, t_in_c, np.zeros(n + 1), np.zeros(n), 39.1), output))
+        records.append((Stimulus(time_s, t_in_c, t_out_c, np.zeros(n + 1), np.zeros(n), 39.1), output))
     propose, none = effect("mode_hop").propose, np.zeros(0)
     assert propose is not None
     first, *others = propose(SlowRates(none, none, none.astype(np.int64), records))[-3:]
     assert first["at_c"] == pytest.approx(at_c, abs=0.15)
     assert first["loop_k"] == pytest.approx(loop_k, abs=0.3)
+    assert first["toward_case"] == part
     assert all(abs(other["at_c"] - first["at_c"]) > 3.0 for other in others)
 
 
