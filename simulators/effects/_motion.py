@@ -130,10 +130,13 @@ def _strongest_orders(rates: SlowRates) -> list[Shape]:
 
 
 def _field(s: Stimulus, shape: Shape) -> Array:
-    """Return the direction of the unit, or with `upright` 0 that of its axis: north, west, up."""
+    """Return the direction of the unit, or with `upright` 0 that of its axis: north, west, up; and level.
+
+    A field that dips is along an axis that stands, and across one that lies.
+    """
     elevation = np.radians(s.elevation_deg)
     level = shape.get("upright", 1.0) + (1.0 - shape.get("upright", 1.0)) * np.cos(elevation)
-    return np.stack((*(level * s.harmonic(1)), np.sin(elevation)))
+    return np.stack((*(level * s.harmonic(1)), np.sin(elevation), np.cos(elevation)))
 
 
 _ORDERS = tuple(order for order in range(4, 37) if order != 6)
@@ -145,7 +148,10 @@ _WOBBLE_INPUTS = Input.ANGLE | Input.TABLE_RATE | Input.ATTITUDE | Input.TURN
 TABLE_ANGLE_EFFECTS = (
     Effect(
         "heading_sensitivity",
-        (*_pair("bias_dph", 100.0, DPH), Parameter("bias_dph_up", -100.0, 100.0, DPH, optional=True)),
+        (
+            *_pair("bias_dph", 100.0, DPH),
+            *(Parameter(f"bias_dph_{way}", -100.0, 100.0, DPH, optional=True) for way in ("up", "level")),
+        ),
         _field,
         Input.ANGLE | Input.ATTITUDE,
         "table angle and attitude",

@@ -7,14 +7,9 @@ import numpy as np
 from drivers.base.arrays import Array
 from simulators.effects._effect import PPM, Curve, Effect, Input, Parameter, Shape
 from simulators.effects._stimulus import Stimulus
-from simulators.effects._thermal import LAGS, RELAXATIONS, behind, power
+from simulators.effects._thermal import LAGS, RELAXATIONS, late, power
 
 _AT_DPS = 100.0
-
-
-def _late(s: Stimulus, shape: Shape) -> Array:
-    """Where the model has no static dependence, what comes late has all of it; else what passes is left."""
-    return s.lagged(s.warm_k, shape["lag_s"]) if shape.get("static", 0.0) else behind(s, shape)
 
 
 def _both_ways(s: Stimulus, _: Shape) -> Array:
@@ -51,7 +46,7 @@ SCALE_FACTOR_OVER_TEMPERATURE = (
     Effect(
         "scale_factor_lag",
         (Parameter("sf_ppm_per_k", -500.0, 500.0, PPM.per("K")),),
-        _late,
+        late,
         Input.T_IN | Input.HISTORY,
         "rate times T_in's slow follower, or T_in less it",
         "scale-factor hysteresis over a cycle",

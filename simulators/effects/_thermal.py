@@ -97,6 +97,12 @@ def _bent(above_k: Array, shape: Shape) -> Array:
     return relative if abs(growth) < _STRAIGHT else np.expm1(growth * relative) / growth
 
 
+def _across(s: Stimulus, shape: Shape) -> Array:
+    """Return the temperature difference, a `share` of it late: below 0 it is stress, and that share relaxes."""
+    share = shape.get("share", 1.0)
+    return (1.0 - share) * s.gradient_k + share * s.lagged(s.gradient_k, shape["lag_s"])
+
+
 def _cold_stress(s: Stimulus, shape: Shape) -> Array:
     lag_s = shape["lag_s"]
     above = (s.lagged(s.warm_k, lag_s) + REFERENCE_C - shape["glass_c"]) / shape["width_k"]
@@ -144,12 +150,15 @@ SHUPE_EFFECTS = (
     Effect(
         "gradient",
         (Parameter("bias_dph_per_k", -50.0, 50.0, DPH.per("K")),),
-        lambda s, shape: s.lagged(s.gradient_k, shape["lag_s"]),
+        _across,
         Input.GRADIENT,
         "T_in - T_out",
         "usual dynamic temperature model",
         "Bias follows the temperature difference between inside and case.",
-        ({"lag_s": 0.0}, {"lag_s": 400.0}, {"lag_s": 1200.0}),
+        (
+            *({"lag_s": lag, "share": 1.0} for lag in (0.0, 400.0, 1200.0)),
+            {"lag_s": 1800.0, "share": -0.5},
+        ),
         curve=Curve(Input.GRADIENT),
     ),
 )
@@ -161,77 +170,97 @@ _BENT = 2.0
 _PER_KELVIN = (Parameter("bias_dph_per_k", -50.0, 50.0, DPH.per("K")),)
 
 
-def _loop(s: Stimulus, shape: Shape) -> tuple[Array, Array]:
-    """Return what loops add, and the curve without loops: of one slope, or flat far from `centre_c` (`curl`).
+def _loop(s: Stimulus, shape: Shape) -> Array:
+    """Return a curve of plays, with what there would be without loops (`static` 1) or less it (0).
 
-    The mean of five plays, `spread` is that of their widths. Relays of one width whose middles lie about a
-    temperature are a curve of one play, flat far from it (Mayergoyz, Mathematical Models of Hysteresis, 1991).
+    The mean of five plays, `spread` is that of their widths; straight, or flat far from `centre_c` (`curl`).
+    Relays of one width whose middles lie about a temperature are such a curve (Mayergoyz, Mathematical Models of
+    Hysteresis, 1991).
     """
     half, spread, curl = shape["half_width_k"], shape.get("spread", 0.0), shape.get("curl", 0.0)
     parts = (0.0,) if spread <= 0.0 else (-1.0, -0.5, 0.0, 0.5, 1.0)
     slacks = [s.slack(s.warm_k, half * (1.0 + spread * part)) for part in parts]
+    still = (1.0 - shape.get("static", 0.0)) * _flat(s.warm_k, shape)
     if curl < _STRAIGHT:
-        return np.asarray(sum(slacks) / len(parts)), s.warm_k
-    about_k = s.warm_k + REFERENCE_C - shape["centre_c"]
+        return np.asarray(sum(slacks) / len(parts) + s.warm_k - still)
+    return np.asarray(sum(_flat(s.warm_k + slack, shape) for slack in slacks) / len(parts) - still)
+
+
+def _flat(above_k: Array, shape: Shape) -> Array:
+    """Return temperatures above 25 degC, the less steep the further they are from `centre_c`."""
+    curl = shape.get("curl", 0.0)
+    if curl < _STRAIGHT:
+        return above_k
     flat_k = SPAN_K / curl
-    reversible = flat_k * np.tanh(about_k / flat_k)
-    followed = sum(flat_k * np.tanh((about_k + slack) / flat_k) for slack in slacks) / len(parts)
-    return np.asarray(followed - reversible), reversible
+    return np.asarray(flat_k * np.tanh((above_k + REFERENCE_C - shape["centre_c"]) / flat_k))
 
 
-def behind(s: Stimulus, shape: Shape) -> Array:
-    """T_in less its slow follower, both bent over temperature where there is a `growth`."""
-    return SPAN_K * (_bent(s.warm_k, shape) - _bent(s.lagged(s.warm_k, shape["lag_s"]), shape))
+def late(s: Stimulus, shape: Shape) -> Array:
+    """T_in's slow follower where what is late has a dependence of its own (`static` 1), else T_in less it, in K.
+
+    Both bent over temperature where there is a `growth`.
+    """
+    follower = _bent(s.lagged(s.warm_k, shape["lag_s"]), shape)
+    return SPAN_K * (follower if shape.get("static", 0.0) else _bent(s.warm_k, shape) - follower)
 
 
 MEMORY_EFFECTS = (
     Effect(
         "thermal_lag",
         _PER_KELVIN,
-        behind,
+        late,
         Input.T_IN | Input.HISTORY,
-        "T_in less its slow follower",
+        "T_in's slow follower, or T_in less it",
         "heat flow between sensor and coil",
         "What sets the bias follows the temperature sensor late.",
         (
-            *({"lag_s": lag, "growth": 0.0} for lag in (60.0, 200.0, 500.0, 1200.0)),
-            *({"lag_s": lag, "growth": growth} for lag in (150.0, 600.0) for growth in (-_BENT, _BENT)),
+            *({"lag_s": lag, "growth": 0.0, "static": 0.0} for lag in (60.0, 200.0, 500.0, 1200.0)),
+            *(
+                {"lag_s": lag, "growth": growth, "static": 0.0}
+                for lag in (150.0, 600.0)
+                for growth in (-_BENT, _BENT)
+            ),
+            *({"lag_s": lag, "growth": 0.0, "static": 1.0} for lag in (400.0, 1200.0)),
         ),
+        whole=("static",),
     ),
     Effect(
         "relaxation",
         _PER_KELVIN,
-        behind,
+        late,
         Input.T_IN | Input.HISTORY,
-        "T_in less its slow follower",
+        "T_in's slow follower, or T_in less it",
         "slow tail after a shock; hysteresis in lag form",
         "Bias relaxes slowly after the temperature has settled.",
         (
-            *({**lag, "growth": 0.0} for lag in RELAXATIONS),
-            *({"lag_s": 2500.0, "growth": growth} for growth in (-_BENT, _BENT)),
+            *({**lag, "growth": 0.0, "static": 0.0} for lag in RELAXATIONS),
+            *({"lag_s": 2500.0, "growth": growth, "static": 0.0} for growth in (-_BENT, _BENT)),
+            *({"lag_s": lag, "growth": 0.0, "static": 1.0} for lag in (2500.0, 5400.0)),
         ),
+        whole=("static",),
     ),
     Effect(
         "hysteresis",
-        (*_PER_KELVIN, Parameter("reversible_dph_per_k", -50.0, 50.0, DPH.per("K"))),
+        _PER_KELVIN,
         _loop,
         Input.T_IN | Input.HISTORY,
         "direction of the last change of T_in",
-        "play operators, Visintin, Differential Models of Hysteresis, 1994; with an envelope and a reversible "
-        "part, Al Janaideh, Rakheja and Su, Mechatronics 19, 656, 2009",
+        "play operators, Visintin, Differential Models of Hysteresis, 1994; with an envelope, Al Janaideh and "
+        "others, Mechatronics 19, 656, 2009",
         "Bias differs between cooling and warming at the same temperature, however slow.",
         (
             *(
-                {"half_width_k": half, "spread": spread, "curl": 0.0, "centre_c": 10.0}
+                {"half_width_k": half, "spread": spread, "curl": 0.0, "centre_c": 10.0, "static": 0.0}
                 for spread in (0.0, 0.8)
                 for half in (3.0, 8.0, 16.0, 28.0)
             ),
             *(
-                {"half_width_k": half, "spread": 0.8, "curl": 1.2, "centre_c": centre}
+                {"half_width_k": half, "spread": 0.8, "curl": curl, "centre_c": centre, "static": 1.0}
                 for half in (6.0, 14.0)
-                for centre in (-20.0, 10.0, 40.0)
+                for curl, centre in ((0.0, 10.0), (1.2, -20.0), (1.2, 10.0), (1.2, 40.0))
             ),
         ),
+        whole=("static",),
     ),
 )
 

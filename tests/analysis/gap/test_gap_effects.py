@@ -100,10 +100,11 @@ def test_relays_about_a_temperature_are_a_flat_curve_of_a_play() -> None:
         up = np.where(now_c > middles + half_k, True, np.where(now_c < middles - half_k, False, up))
         relays[at] = flat_k * (2.0 * up.mean() - 1.0)
     shape = {"half_width_k": half_k, "spread": 0.0, "curl": curl, "centre_c": centre_c}
-    loops, reversible = effect("hysteresis").columns(s, shape)
-    assert loops + reversible == pytest.approx(relays, abs=0.25)
+    whole = effect("hysteresis").columns(s, {**shape, "static": 1.0})[0]
+    loops = effect("hysteresis").columns(s, {**shape, "static": 0.0})[0]
+    assert whole == pytest.approx(relays, abs=0.25)
     assert np.abs(loops).max() > 5.0
-    assert reversible == pytest.approx(flat_k * np.tanh((t_in_c - centre_c) / flat_k))
+    assert whole - loops == pytest.approx(flat_k * np.tanh((t_in_c - centre_c) / flat_k))
 
 
 def test_a_curl_too_small_to_see_leaves_a_play_and_a_straight_line() -> None:
@@ -112,10 +113,52 @@ def test_a_curl_too_small_to_see_leaves_a_play_and_a_straight_line() -> None:
     warm = stimulus(n)
     s = Stimulus(warm.time_s, t_in_c, t_in_c, warm.angle_deg, warm.elevation_deg, 39.1)
     shape = {"half_width_k": 6.0, "spread": 0.8, "curl": 2e-4, "centre_c": 25.0}
-    bent = effect("hysteresis").columns(s, shape)
-    straight = effect("hysteresis").columns(s, {**shape, "curl": 0.0})
-    for one, other in zip(bent, straight, strict=True):
-        assert one == pytest.approx(other, abs=1e-4)
+    for static in (0.0, 1.0):
+        bent = effect("hysteresis").columns(s, {**shape, "static": static})[0]
+        straight = effect("hysteresis").columns(s, {**shape, "static": static, "curl": 0.0})[0]
+        assert bent == pytest.approx(straight, abs=1e-4)
+    assert straight == pytest.approx(s.warm_k, abs=6.0 * 1.8 + 1e-9)
+
+
+def test_what_is_late_as_a_whole_is_what_it_follows_less_what_passes() -> None:
+    n, lag_s = 3_000, 700.0
+    t_in_c = np.where(np.arange(n) < 600, 20.0, -10.0)
+    s = Stimulus(np.arange(1.0, n + 1.0), t_in_c, t_in_c, np.zeros(n + 1), np.zeros(n), 39.1)
+    whole, passing = (
+        effect("thermal_lag").columns(s, {"lag_s": lag_s, "growth": 0.0, "static": static})[0]
+        for static in (1.0, 0.0)
+    )
+    body_k = -5.0 - 30.0 * (1.0 - np.exp(-np.maximum(np.arange(n) - 599.0, 0.0) / lag_s))
+    assert whole == pytest.approx(body_k, abs=0.7)  # the record's temperatures are smoothed over a minute
+    assert whole + passing == pytest.approx(s.warm_k)
+
+
+def test_stress_of_a_temperature_difference_relaxes_by_its_share() -> None:
+    """Standard linear solid after a step of 8 K: 1.5 of it at once, 1 of it in the end."""
+    n, lag_s = 6_000, 500.0
+    t_out_c = np.where(np.arange(n) < 500, 25.0, 17.0)
+    s = Stimulus(np.arange(1.0, n + 1.0), np.full(n, 25.0), t_out_c, np.zeros(n + 1), np.zeros(n), 39.1)
+    stress = effect("gradient").columns(s, {"lag_s": lag_s, "share": -0.5})[0]
+    since_s = np.arange(n) - 499.0
+    expected = np.where(since_s > 0, 8.0 + 4.0 * np.exp(-np.maximum(since_s, 0.0) / lag_s), 0.0)
+    assert np.delete(stress, slice(400, 600)) == pytest.approx(np.delete(expected, slice(400, 600)), abs=0.3)
+    assert stress[-1] == pytest.approx(8.0, abs=0.01)
+
+
+def test_a_field_that_dips_has_parts_along_an_upright_axis_and_across_a_level_one() -> None:
+    """Turned about a level east line: a body's axes at four elevations against a rotation by hand."""
+    elevation = np.array([90.0, 45.0, 0.0, -90.0])
+    warm = np.full(4, 25.0)
+    s = Stimulus(np.arange(1.0, 5.0), warm, warm, np.zeros(5), elevation, 39.1)
+    columns = effect("heading_sensitivity").columns(s, {"upright": 1.0})
+    dip = np.array([0.3, 0.0, -0.9])  # north, west, up
+    for at, degrees in enumerate(elevation.tolist()):
+        e = math.radians(degrees)
+        axis = np.array([math.cos(e), 0.0, math.sin(e)])
+        across = np.array([math.sin(e), 0.0, -math.cos(e)])
+        vertical = dip * np.array([0.0, 0.0, 1.0])
+        assert vertical @ axis == pytest.approx(dip[2] * columns[2][at])
+        assert vertical @ across == pytest.approx(-dip[2] * columns[3][at])
 
 
 def test_warming_rate_is_in_kelvin_a_minute() -> None:
