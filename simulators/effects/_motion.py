@@ -130,13 +130,15 @@ def _strongest_orders(rates: SlowRates) -> list[Shape]:
 
 
 def _field(s: Stimulus, shape: Shape) -> Array:
-    """Return the direction of the unit, or with `upright` 0 that of its axis: north, west, up; and level.
+    """Return a direction of the unit: north, west, up; and level.
 
-    A field that dips is along an axis that stands, and across one that lies.
+    With `upright` 0 that of its axis, with `across` 1 one across it, which goes down as the axis rises. What a
+    field has beside its level part is along an axis that stands, and across one that lies.
     """
-    elevation = np.radians(s.elevation_deg)
-    level = shape.get("upright", 1.0) + (1.0 - shape.get("upright", 1.0)) * np.cos(elevation)
-    return np.stack((*(level * s.harmonic(1)), np.sin(elevation), np.cos(elevation)))
+    up, level = np.sin(np.radians(s.elevation_deg)), np.cos(np.radians(s.elevation_deg))
+    across, upright = shape.get("across", 0.0), shape.get("upright", 1.0)
+    cosine, sine = (upright + (1.0 - upright) * level) * s.harmonic(1)
+    return np.stack((cosine * (up if across else 1.0), sine, up, level))
 
 
 _ORDERS = tuple(order for order in range(4, 37) if order != 6)
@@ -157,7 +159,10 @@ TABLE_ANGLE_EFFECTS = (
         "table angle and attitude",
         "magnetic sensitivity, IEEE Std 952",
         "Bias depends on the direction in which the unit points, as in a magnetic field.",
-        ({"upright": 1.0}, {"upright": 0.0}),
+        tuple(
+            {"upright": upright, "across": across} for upright, across in ((1.0, 0.0), (0.0, 0.0), (1.0, 1.0))
+        ),
+        whole=("across",),
         curve=Curve(Input.ANGLE),
     ),
     Effect(

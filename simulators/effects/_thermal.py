@@ -198,10 +198,12 @@ def _flat(above_k: Array, shape: Shape) -> Array:
 def late(s: Stimulus, shape: Shape) -> Array:
     """T_in's slow follower where what is late has a dependence of its own (`static` 1), else T_in less it, in K.
 
-    Both bent over temperature where there is a `growth`.
+    The latter bent over temperature where there is a `growth`.
     """
-    follower = _bent(s.lagged(s.warm_k, shape["lag_s"]), shape)
-    return SPAN_K * (follower if shape.get("static", 0.0) else _bent(s.warm_k, shape) - follower)
+    follower_k = s.lagged(s.warm_k, shape["lag_s"])
+    if shape.get("static", 0.0):
+        return follower_k
+    return SPAN_K * (_bent(s.warm_k, shape) - _bent(follower_k, shape))
 
 
 MEMORY_EFFECTS = (

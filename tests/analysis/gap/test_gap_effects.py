@@ -145,20 +145,27 @@ def test_stress_of_a_temperature_difference_relaxes_by_its_share() -> None:
     assert stress[-1] == pytest.approx(8.0, abs=0.01)
 
 
-def test_a_field_that_dips_has_parts_along_an_upright_axis_and_across_a_level_one() -> None:
-    """Turned about a level east line: a body's axes at four elevations against a rotation by hand."""
-    elevation = np.array([90.0, 45.0, 0.0, -90.0])
-    warm = np.full(4, 25.0)
-    s = Stimulus(np.arange(1.0, 5.0), warm, warm, np.zeros(5), elevation, 39.1)
-    columns = effect("heading_sensitivity").columns(s, {"upright": 1.0})
-    dip = np.array([0.3, 0.0, -0.9])  # north, west, up
-    for at, degrees in enumerate(elevation.tolist()):
-        e = math.radians(degrees)
-        axis = np.array([math.cos(e), 0.0, math.sin(e)])
-        across = np.array([math.sin(e), 0.0, -math.cos(e)])
-        vertical = dip * np.array([0.0, 0.0, 1.0])
-        assert vertical @ axis == pytest.approx(dip[2] * columns[2][at])
-        assert vertical @ across == pytest.approx(-dip[2] * columns[3][at])
+@pytest.mark.parametrize(("upright", "across"), [(0.0, 0.0), (1.0, 1.0)])
+def test_a_field_along_an_axis_of_the_body_and_across_it(upright: float, across: float) -> None:
+    """A field that dips against the body's directions, turned by hand: about up, then to four elevations."""
+    elevation, turned = (each.ravel() for each in np.meshgrid([90.0, 45.0, 0.0, -90.0], [0.0, 70.0, 200.0]))
+    n = len(turned)
+    warm = np.full(n, 25.0)
+    edges = np.append(turned, turned[-1])
+    s = Stimulus(np.arange(1.0, n + 1.0), warm, warm, edges, elevation, 39.1)
+    heading = np.radians(0.5 * (edges[1:] + edges[:-1]))
+    fading = np.sinc(np.diff(edges) / 360.0)  # of what turns in a sample
+    north, west, up, level = effect("heading_sensitivity").columns(s, {"upright": upright, "across": across})
+    field = np.array([0.4, 0.0, -0.9])  # north, west, up
+    e, zero = np.radians(elevation), np.zeros(n)
+    ahead = np.stack((np.cos(heading) * fading, -np.sin(heading) * fading, zero))
+    above = np.stack((zero, zero, np.ones(n)))
+    if across:
+        assert field @ (ahead * np.sin(e) - above * np.cos(e)) == pytest.approx(0.4 * north + 0.9 * level)
+        beside = np.stack((np.sin(heading) * fading, np.cos(heading) * fading, zero))
+        assert field @ beside == pytest.approx(0.4 * west)
+    else:
+        assert field @ (ahead * np.cos(e) + above * np.sin(e)) == pytest.approx(0.4 * north - 0.9 * up)
 
 
 def test_warming_rate_is_in_kelvin_a_minute() -> None:
