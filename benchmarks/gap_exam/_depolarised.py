@@ -5,7 +5,7 @@ from __future__ import annotations
 from benchmarks.gap_exam import _depolarised_effects as physics
 from benchmarks.gap_exam._depolarised_bench import LATITUDE_DEG, SHEET, campaign, read, rows_dph
 from benchmarks.gap_exam._family import Effect, Family, Layout
-from benchmarks.gap_exam._turning import encoder, heading, known, latency, misalignment, telegraph
+from benchmarks.gap_exam._turning import encoder, heading, known, latency, misalignment
 
 _OF_RATE = ("scale_factor_nonlinearity", "saturation")
 _LATE = ("thermal_lag", "relaxation")
@@ -40,9 +40,8 @@ EFFECTS = {
     "wound_cable": Effect(physics.wound_cable),
     "spool_resonance": Effect(physics.spool_resonance),
     "fringes": Effect(physics.fringes),
-    "hunting_cooler": Effect(physics.hunting_cooler),
+    "hunting_cooler": Effect(physics.hunting_cooler, changing=True),
     "dew": Effect(physics.dew, changing=True),
-    "reflection": telegraph(420.0),
 }
 
 DEPOLARISED = Family(

@@ -147,7 +147,7 @@ SORTS = (
     Sort("CR", "creep", "room", 36.0, ((0.0, 24.0),), 2, 0, start_deg=35.0,
          turns=lambda: _rates((0.001, 0.004, 0.0055, 0.012, 0.03, 0.12), 90.0, 140.0, 20.0)),
     Sort("HD", "headings", "room", 32.0, ((0.0, 24.0),), 2, 0, turns=_headings,
-         elevation=((0.0, 0.0),), masks=True),
+         elevation=((0.0, 0.0),)),
     Sort("PO", "positions", "room", 50.0, ((0.0, 24.0),), 2, 0, start_deg=90.0, masks=True,
          elevation=((0.0, 90.0), (600.0, 0.0), (1200.0, -90.0), (1800.0, 0.0), (2400.0, 90.0))),
     Sort("RA", "ramp", "round", 100.0,
@@ -180,7 +180,7 @@ def _stage(unit: Unit, sort: Sort, repeat: int, number: int) -> Stage:
     middles = edges[:-1] + 0.5 * step_s
     powered_s = float(np.round(rng.uniform(*sort.powered_s)))
     air = chamber_air(
-        demands(sort.chamber, seconds, _HEAT_STEP_S) + rng.normal(0.0, 0.4), _HEAT_STEP_S
+        demands(sort.chamber, seconds, _HEAT_STEP_S) + rng.normal(0.0, 0.15), _HEAT_STEP_S
     ) + 0.08 * np.sin(2.0 * np.pi * (np.arange(round(seconds / _HEAT_STEP_S)) / 130.0 + rng.uniform()))
     coarse = heated(unit, air, powered_s, _HEAT_STEP_S)
     at = np.arange(coarse.shape[1]) * _HEAT_STEP_S

@@ -290,11 +290,11 @@ def spool_resonance(unit: Unit, stage: Stage, size: float) -> Array:
 
 def fringes(unit: Unit, stage: Stage, size: float) -> Array:
     """A splice reflects into the source's coherence: fringes every few kelvins of the lid, in a span of them."""
-    per_k = 2.5 + 2.5 * unit.draw["a"]
+    wave_k = 4.0 + 4.0 * unit.draw["a"]
     centre = -5.0 + 50.0 * unit.draw["c2"]
     off = stage.body("lid") - centre
     return np.asarray(
-        size * np.exp(-((off / 14.0) ** 2)) * np.sin(2.0 * math.pi * (off / per_k + unit.draw["phase"]))
+        size * np.exp(-((off / 14.0) ** 2)) * np.sin(2.0 * math.pi * (off / wave_k + unit.draw["phase"]))
     )
 
 
@@ -303,7 +303,7 @@ def dew(unit: Unit, stage: Stage, size: float) -> Array:
 
     The film takes light by an exponential of its thickness; the day's dew point differs from run to run.
     """
-    point_c = 9.0 + drawn(unit.seed, "weather", stage.key).normal(0.0, 6.0)
+    point_c = 9.0 + drawn(unit.seed, "weather", stage.key).normal(0.0, 8.0)
     thaws_s = 200.0 + 400.0 * unit.draw["b"]
     colder = (point_c - stage.body("base")) / 10.0
     film, result = 0.0, np.empty(stage.steps)
