@@ -7,7 +7,8 @@ from benchmarks.gap_exam._depolarised_bench import LATITUDE_DEG, SHEET, campaign
 from benchmarks.gap_exam._family import Effect, Family, Layout
 from benchmarks.gap_exam._turning import encoder, heading, known, latency, misalignment
 
-_OF_RATE = ("scale_factor_nonlinearity", "saturation")
+_OF_RATE = ("scale_factor_nonlinearity", "scale_factor_asymmetry")
+"""A table that ends close below the fastest rate cuts what turns with the Earth more, or alone."""
 _LATE = ("thermal_lag", "relaxation")
 
 EFFECTS = {

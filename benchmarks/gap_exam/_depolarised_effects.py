@@ -16,7 +16,7 @@ from benchmarks.gap_exam._geometry import sensed_dph
 from benchmarks.gap_exam._signals import drawn, follow, slope_per_min, smooth_step, spectrum_of_lags
 from benchmarks.gap_exam._stage import Stage
 from drivers.base.arrays import Array
-from drivers.base.constants import ZERO_CELSIUS_K
+from drivers.base.constants import ZERO_CELSIUS_K, earth_rate_up_dph
 
 _FASTEST_DPS = 100.0
 """The campaign's fastest rate."""
@@ -185,8 +185,8 @@ def sine_response(unit: Unit, stage: Stage, size: float) -> Array:
 
 
 def table_end(unit: Unit, stage: Stage, size: float) -> Array:
-    """The stored table ends `size` deg/s below the fastest rate: its last value stays."""
-    rate, end = rate_dps(stage), _FASTEST_DPS - size
+    """The stored table ends `size` deg/s below the fastest rate with the Earth's: its last value stays."""
+    rate, end = rate_dps(stage), _FASTEST_DPS + earth_rate_up_dph(LATITUDE_DEG) / 3600.0 - size
     return 3600.0 * (np.clip(rate, -end, end) - rate)
 
 

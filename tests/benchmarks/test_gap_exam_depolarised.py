@@ -197,8 +197,9 @@ def test_an_arcsine_of_too_large_a_sine_reads_too_much_by_a_tangent(unit, rate_d
 def test_the_table_ends_and_its_last_value_stays(unit):
     for rate in (70.0, -95.0):
         read = 3600.0 * (rate + EARTH_DPS) + signal(unit, turning(rate), "table_end", 40.0)
-        assert read == pytest.approx(math.copysign(216000.0, rate))
+        assert read == pytest.approx(math.copysign(3600.0 * (60.0 + EARTH_DPS), rate))
     assert signal(unit, turning(50.0), "table_end", 40.0) == pytest.approx(0.0)
+    assert signal(unit, turning(100.0), "table_end", 0.001) == pytest.approx(-3.6, rel=1e-6)
 
 
 def test_a_rectifier_parts_the_signs_by_its_size(unit):
