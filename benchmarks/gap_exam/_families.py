@@ -8,6 +8,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from benchmarks.gap_exam._cylinder import CYLINDER
+from benchmarks.gap_exam._depolarised import DEPOLARISED
 from benchmarks.gap_exam._exam_plant import EXAM_PLANT, make_exam_case, plan_exam_cases
 from benchmarks.gap_exam._floated import FLOATED
 from benchmarks.gap_exam._gas_rate import GAS_RATE
@@ -33,6 +34,7 @@ FAMILIES = {
         TUNING_FORK,
         GAS_RATE,
         CYLINDER,
+        DEPOLARISED,
         EXAM_PLANT,
     )
 }
