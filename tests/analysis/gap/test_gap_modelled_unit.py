@@ -167,7 +167,7 @@ def test_a_plant_answers_a_rate_as_its_model_says(
     [
         # about east, an axis to the north rises: sin 1 deg of the vertical Earth rate
         ("table_tilt", (0.0, 1.0), EARTH_NORTH + EARTH_UP * math.radians(1.0)),
-        ("heading_sensitivity", (0.3, 0.7, 0.0), EARTH_NORTH + 0.3),
+        ("heading_sensitivity", (0.3, 0.7, 0.4, 0.2), EARTH_NORTH + 0.3 + 0.2),
         ("axis_misalignment", (1.0, 0.0), EARTH_NORTH + EARTH_UP * math.radians(1.0)),
     ],
 )
