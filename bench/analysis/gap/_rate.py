@@ -212,9 +212,12 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
             finding = _doubted(finding, parts, "where what is unknown stays")
         if differs >= _DIFFERS:
             # what one repeat shows and another does not may resemble any effect in their mean
-            repeats = [self._holding(finding, data, sets, each) for each in _by_repeat(ready.groups)]
-            least: list[float] = np.nan_to_num(repeats, nan=0.0).min(axis=0).tolist()
-            finding = _doubted(finding, least, "in every repeat")
+            repeats = np.array(
+                [self._holding(finding, data, sets, each) for each in _by_repeat(ready.groups)]
+            )
+            # some runs have fewer repeats than others: one in which a cause adds nothing says nothing of it
+            least = np.where(np.isnan(repeats), np.inf, repeats).min(axis=0)
+            finding = _doubted(finding, np.where(np.isinf(least), 0.0, least).tolist(), "in every repeat")
         if unnamed < 0.5 and not crowd:
             return finding
         closing = learned(ready, data.model, [term for cause in finding.causes for term in cause.terms])

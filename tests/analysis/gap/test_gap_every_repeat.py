@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -71,6 +72,23 @@ def test_repeats_that_differ_are_told_where_one_condition_has_fewer(nominal: Mod
     ]
     parts = diagnose(runs, nominal).rate.unknown_parts
     assert "the repeat" in [part.follows for part in parts]
+
+
+def test_a_repeat_of_other_runs_alone_says_nothing_of_a_cause(nominal: Model) -> None:
+    """Runs at rest were done once more than those at a rate, and differ; those at a rate have an asymmetry."""
+    rng, runs = np.random.default_rng(11), []
+    for repeat in range(3):
+        s = stimulus(5000)
+        step = (repeat == 1) * 0.3 * (np.arange(5000) > 2200)
+        runs.append(made_run(f"rest {repeat}", s, rng, step, profile="rest"))
+    rate_dps = np.array([20.0, 0.0, -20.0, 0.0])[np.arange(6000) // 500 % 4]
+    turning = replace(stimulus(6000), angle_deg=np.concatenate(([0.0], np.cumsum(rate_dps))))
+    for repeat in range(2):
+        extra = 20e-6 * 0.5 * np.abs(turning.input_rate_dph)
+        runs.append(made_run(f"rates {repeat}", turning, rng, extra, profile="rates"))
+    found = diagnose(runs, nominal).rate
+    assert "scale_factor_asymmetry" in [cause.name for cause in found.causes]
+    assert "the repeat" in [part.follows for part in found.unknown_parts]
 
 
 def test_a_cause_stays_named_beside_something_larger_that_acts_elsewhere(nominal: Model) -> None:
