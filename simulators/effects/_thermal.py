@@ -177,13 +177,11 @@ def _loop(s: Stimulus, shape: Shape) -> Array:
     Relays of one width whose middles lie about a temperature are such a curve (Mayergoyz, Mathematical Models of
     Hysteresis, 1991).
     """
-    half, spread, curl = shape["half_width_k"], shape.get("spread", 0.0), shape.get("curl", 0.0)
+    half, spread = shape["half_width_k"], shape.get("spread", 0.0)
     parts = (0.0,) if spread <= 0.0 else (-1.0, -0.5, 0.0, 0.5, 1.0)
-    slacks = [s.slack(s.warm_k, half * (1.0 + spread * part)) for part in parts]
+    plays = [s.warm_k + s.slack(s.warm_k, half * (1.0 + spread * part)) for part in parts]
     still = (1.0 - shape.get("static", 0.0)) * _flat(s.warm_k, shape)
-    if curl < _STRAIGHT:
-        return np.asarray(sum(slacks) / len(parts) + s.warm_k - still)
-    return np.asarray(sum(_flat(s.warm_k + slack, shape) for slack in slacks) / len(parts) - still)
+    return np.asarray(sum(_flat(each, shape) for each in plays) / len(parts) - still)
 
 
 def _flat(above_k: Array, shape: Shape) -> Array:
