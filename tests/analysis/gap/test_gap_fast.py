@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import butter, freqz, lfilter, welch
 
@@ -140,6 +140,7 @@ def test_noise_of_the_angle_between_rows_is_told_from_white_noise_of_the_rate(tm
     assert fast.floor.arw_deg_per_sqrt_h == pytest.approx(ARW, rel=0.1)
 
 
+@settings(max_examples=25)
 @given(damping=st.floats(0.3, 0.9), corner_hz=st.floats(3.0, 30.0), seed=st.integers(0, 99))
 def test_an_output_stage_of_second_order_is_the_noise_s_form(damping, corner_hz, seed):
     natural = 2.0 * math.pi * corner_hz / RATE_HZ
