@@ -44,20 +44,22 @@ def test_a_mode_hop_back_is_later_by_its_loop() -> None:
 
 
 @pytest.mark.parametrize(
-    ("at_c", "loop_k", "part"), [(13.7, 1.8, 0.0), (-4.2, 0.0, 0.0), (8.0, 3.0, 0.6), (31.0, 0.5, 0.9)]
+    ("at_c", "loop_k", "part", "above_k"),
+    [(13.7, 1.8, 0.0, 1.5), (-4.2, 0.0, 0.0, 1.5), (8.0, 3.0, 0.6, 1.5), (31.0, 0.5, 0.9, 15.5)],
 )
 def test_where_a_hop_is_and_how_wide_its_loop_is_read_off_the_records(
-    at_c: float, loop_k: float, part: float
+    at_c: float, loop_k: float, part: float, above_k: float
 ) -> None:
     """A relay with two thresholds, sample by sample; noise of a third of it, a slope beside, rows missing.
 
-    What hops is `part` of the way from the sensor to the case, whose temperature comes before and goes further.
+    What hops is `part` of the way from the sensor to the case, whose temperature comes before and goes further:
+    the last place is one that the sensor never reaches.
     """
     n, rng, records = 9_000, np.random.default_rng(4), []
     time_s = np.arange(1.0, n + 1.0)
     for phase in (0.0, 2.0):
-        t_in_c = at_c + 1.5 + 14.0 * np.sin(2.0 * math.pi * time_s / 4_400.0 + phase)
-        t_out_c = at_c + 1.5 + 18.0 * np.sin(2.0 * math.pi * time_s / 4_400.0 + phase + 0.9)
+        t_in_c = at_c + above_k + 14.0 * np.sin(2.0 * math.pi * time_s / 4_400.0 + phase)
+        t_out_c = at_c + above_k + 18.0 * np.sin(2.0 * math.pi * time_s / 4_400.0 + phase + 0.9)
         own_c = t_in_c - part * (t_in_c - t_out_c)
         over, output = own_c[0] > at_c, np.empty(n)
         for k, now_c in enumerate(own_c):
