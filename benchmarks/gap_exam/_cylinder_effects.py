@@ -10,7 +10,7 @@ from scipy.special import ndtr
 from benchmarks.gap_exam._cylinder_bench import BEAD_HEAT_K, FASTEST_DPS, LATITUDE_DEG
 from benchmarks.gap_exam._family import Unit
 from benchmarks.gap_exam._geometry import sensed_dph
-from benchmarks.gap_exam._signals import drawn, follow, spectrum_of_lags
+from benchmarks.gap_exam._signals import drawn, follow, play, spectrum_of_lags
 from benchmarks.gap_exam._stage import Stage
 from drivers.base.arrays import Array
 from drivers.base.constants import ZERO_CELSIUS_K
@@ -139,15 +139,6 @@ def magnetic_damping(unit: Unit, stage: Stage, size: float) -> Array:
     left = sum(w * (play(coarse, half) - coarse) / half for w, half in zip(weights, PLAYS_K, strict=True))
     at = stage.time_s[::_EACH]
     return np.asarray(size * np.interp(stage.time_s, at, left / weights.sum()))
-
-
-def play(values: Array, half_width: float) -> Array:
-    """Return what values drag behind them within a play, which begins in its middle."""
-    at, result = float(values[0]), np.empty(len(values))
-    for k, value in enumerate(values.tolist()):
-        at = min(max(at, value - half_width), value + half_width)
-        result[k] = at
-    return result
 
 
 def range_switch(unit: Unit, stage: Stage, size: float) -> Array:

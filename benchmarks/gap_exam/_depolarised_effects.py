@@ -13,7 +13,7 @@ from scipy.special import j1
 from benchmarks.gap_exam._depolarised_bench import LATITUDE_DEG, LAYERS, SET_C
 from benchmarks.gap_exam._family import Unit
 from benchmarks.gap_exam._geometry import sensed_dph
-from benchmarks.gap_exam._signals import drawn, follow, slope_per_min, smooth_step, spectrum_of_lags
+from benchmarks.gap_exam._signals import drawn, follow, play, slope_per_min, smooth_step, spectrum_of_lags
 from benchmarks.gap_exam._stage import Stage
 from drivers.base.arrays import Array
 from drivers.base.constants import ZERO_CELSIUS_K, earth_rate_up_dph
@@ -103,16 +103,6 @@ def creeping_glue(unit: Unit, stage: Stage, size: float) -> Array:
     times = tuple(fastest_s * 3.0**k for k in range(3))
     weights = tuple(math.exp(-0.6 * unit.draw["form"] * k) for k in range(3))
     return size * (spool - spectrum_of_lags(spool, times, weights, stage.step_s))
-
-
-def play(values: Array, half_width: float) -> Array:
-    """Return the play operator of values (m,): it stays until they are half a width away; first it is there."""
-    result = np.empty_like(values)
-    held = float(values[0])
-    for k, value in enumerate(values.tolist()):
-        held = min(max(held, value - half_width), value + half_width)
-        result[k] = held
-    return result
 
 
 def sticking_potting(unit: Unit, stage: Stage, size: float) -> Array:

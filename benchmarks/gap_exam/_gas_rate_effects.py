@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.gap_exam._family import Effect, Unit
 from benchmarks.gap_exam._gas_rate_bench import FULL_SCALE_DPS, LATITUDE_DEG, heat
 from benchmarks.gap_exam._geometry import sensed_dph
-from benchmarks.gap_exam._signals import drawn, follow, smooth_step
+from benchmarks.gap_exam._signals import drawn, follow, play, smooth_step
 from benchmarks.gap_exam._stage import Stage
 from benchmarks.gap_exam._turning import encoder, latency, misalignment
 from drivers.base.arrays import Array
@@ -81,16 +81,6 @@ def bridge(bend: Array) -> Array:
     tiny = np.array(1e-5)
     steep = (voltage(_FLANK - tiny) - voltage(_FLANK + tiny)) / tiny
     return np.asarray((voltage(_FLANK - bend) - voltage(_FLANK + bend)) / steep)
-
-
-def play(values: Array, width: float) -> Array:
-    """Return a play operator of half-width `width` on values (m,), released at the first."""
-    out = np.empty_like(values)
-    state = float(values[0])
-    for k, value in enumerate(values.tolist()):
-        state = min(max(state, value - width), value + width)
-        out[k] = state
-    return out
 
 
 def _kelvin(stage: Stage, node: str) -> Array:

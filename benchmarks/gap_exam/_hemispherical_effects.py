@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.gap_exam._family import Effect, Signal, Unit
 from benchmarks.gap_exam._geometry import sensed_dph
 from benchmarks.gap_exam._hemispherical_bench import PULLEYS
-from benchmarks.gap_exam._signals import drawn, follow, smooth_step, spectrum_of_lags
+from benchmarks.gap_exam._signals import drawn, follow, play, smooth_step, spectrum_of_lags
 from benchmarks.gap_exam._stage import Stage
 from benchmarks.gap_exam._turning import azimuth, encoder, impulses, known, latency, misalignment, skew, tilt
 from drivers.base.arrays import Array
@@ -61,17 +61,7 @@ def losses(shell_c: Array) -> Array:
 
 def plays(values: Array, widths: tuple[float, ...]) -> Array:
     """Return the mean of play operators (Prandtl-Ishlinskii) of half widths, (m,), at rest in the beginning."""
-    listed, total = values.tolist(), np.zeros(len(values))
-    for width in widths:
-        state, kept = listed[0], []
-        for value in listed:
-            if value - state > width:
-                state = value - width
-            elif state - value > width:
-                state = value + width
-            kept.append(state)
-        total += np.array(kept)
-    return np.asarray(total / len(widths))
+    return np.asarray(sum(play(values, width) for width in widths) / len(widths))
 
 
 def stretched(seconds: Array, time_s: float, power: float) -> Array:

@@ -72,3 +72,12 @@ def slope_per_min(values: Array, step_s: float) -> Array:
 def smooth_step(x: Array) -> Array:
     """Return the logistic function, without overflow."""
     return np.asarray(1.0 / (1.0 + np.exp(-np.clip(x, -50.0, 50.0))))
+
+
+def play(values: Array, half_width: float) -> Array:
+    """Return the play operator of values (m,): it starts at the first, and follows when half a width away."""
+    held, result = float(values[0]), np.empty(len(values))
+    for k, value in enumerate(values.tolist()):
+        held = min(max(held, value - half_width), value + half_width)
+        result[k] = held
+    return result

@@ -10,7 +10,7 @@ from scipy.special import ndtr
 
 from benchmarks.gap_exam._family import Effect, Unit
 from benchmarks.gap_exam._geometry import sensed_dph
-from benchmarks.gap_exam._signals import drawn, smooth_step, spectrum_of_lags
+from benchmarks.gap_exam._signals import drawn, play, smooth_step, spectrum_of_lags
 from benchmarks.gap_exam._stage import Stage
 from benchmarks.gap_exam._tuning_fork_bench import (
     CONDUCTANCE_W_PER_K,
@@ -58,15 +58,6 @@ def quadrature(unit: Unit, stage: Stage, size: float) -> Array:
     phase = PHASE_RAD_PER_50K * (asic + bend * asic**2)
     leak = (1.0 + growth * _per_50k(stage.body("quartz"))) * np.sin(phase) / PHASE_RAD_PER_50K
     return np.asarray(size * (leak - asic))
-
-
-def play(driver: Array, half_width: float) -> Array:
-    """Return the output of a play of a half width, (m,): it starts in the middle and follows when pushed."""
-    out, position = np.empty(len(driver)), float(driver[0])
-    for k, value in enumerate(driver.tolist()):
-        position = min(max(position, value - half_width), value + half_width)
-        out[k] = position
-    return out
 
 
 def package_stress(unit: Unit, stage: Stage, size: float) -> Array:

@@ -10,6 +10,7 @@ from benchmarks.gap_exam import _cylinder_effects as effects
 from benchmarks.gap_exam._cylinder import CYLINDER
 from benchmarks.gap_exam._geometry import sensed_dph
 from benchmarks.gap_exam._make import draw_unit
+from benchmarks.gap_exam._signals import play
 from drivers.base.constants import earth_rate_up_dph
 from tests.gap_families import repeats_apart, run, still
 
@@ -133,10 +134,10 @@ def test_glue_on_a_slow_ramp_holds_slope_times_time_constant_and_forgets_it():
 def test_a_play_has_a_loop_of_twice_its_half_width_however_slow():
     there = np.linspace(0.0, 50.0, 501)
     cycle = np.concatenate((there, there[::-1], there))
-    dragged = effects.play(cycle, 5.0)
+    dragged = play(cycle, 5.0)
     # at 25 degC: on the way down, and up again
     assert dragged[501 + 250] - dragged[1002 + 250] == pytest.approx(10.0)
-    slow = effects.play(np.repeat(cycle, 3), 5.0)
+    slow = play(np.repeat(cycle, 3), 5.0)
     np.testing.assert_array_equal(slow[::3], dragged)
 
 

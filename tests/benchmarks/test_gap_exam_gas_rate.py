@@ -12,6 +12,7 @@ from benchmarks.gap_exam import _gas_rate_effects as effects
 from benchmarks.gap_exam._gas_rate import GAS_RATE, SHEET
 from benchmarks.gap_exam._geometry import sensed_dph
 from benchmarks.gap_exam._make import draw_unit
+from benchmarks.gap_exam._signals import play
 from tests.gap_families import deviations, null_residual, repeats_apart, run, share_of_the_column, still
 
 
@@ -191,7 +192,7 @@ def test_what_gravity_does_to_hot_gas_changes_sign_with_the_axis_and_falls_with_
 def test_play_has_the_loop_of_its_width():
     turn = np.linspace(0.0, 6.0 * np.pi, 30_001)
     values = 10.0 * np.sin(turn)
-    behind = effects.play(values, 3.0)
+    behind = play(values, 3.0)
     last = slice(20_000, None)
     # the loop of a play: a parallelogram 2 w wide and 2 (A - w) high
     area = abs(np.sum(0.5 * (behind[last][1:] + behind[last][:-1]) * np.diff(values[last])))
