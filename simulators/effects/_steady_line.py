@@ -152,15 +152,18 @@ def _levelled(record: Record) -> Array:
 def _spectrum(rest: Array, size: int) -> Array:
     """Return the power of a Hann-windowed record over that of its surroundings, (size // 2 + 1,)."""
     window = np.hanning(len(rest))
-    return _over_surroundings(np.abs(np.fft.rfft(rest * window, size)) ** 2)
+    return _over_surroundings(np.abs(np.fft.rfft(rest * window, size)) ** 2, size // len(rest))
 
 
-def _over_surroundings(power: Array) -> Array:
+def _over_surroundings(power: Array, finer: int) -> Array:
+    """Return power over the median around it; `finer`: points of its grid from one frequency of the record to
+    the next, which repeat each other.
+    """
     from scipy.ndimage import median_filter  # here: a lab starts without scipy (decision 0021)
 
-    # the median of noise's exponential power is ln 2 of its mean; neighbours of a finer grid repeat each other
-    around = median_filter(power[::_FINER], _AROUND, mode="reflect") / math.log(2.0)
-    return np.asarray(power / np.interp(np.arange(len(power)), np.arange(0, len(power), _FINER), around))
+    # the median of noise's exponential power is ln 2 of its mean
+    around = median_filter(power[::finer], _AROUND, mode="reflect") / math.log(2.0)
+    return np.asarray(power / np.interp(np.arange(len(power)), np.arange(0, len(power), finer), around))
 
 
 def _strongest(
@@ -271,7 +274,7 @@ def _overtone(rests: Sequence[Array], frequency: float) -> bool:
     for rest in rests:
         n = _FINER * len(rest)
         power = np.abs(np.fft.rfft(rest * np.hanning(len(rest)), n)) ** 2
-        ratio = _over_surroundings(power)
+        ratio = _over_surroundings(power, _FINER)
         for order in range(1, _OVERTONES + 1):
             at = max(round(frequency / order * n), 3)
             sizes[order] += power[at - 3 : at + 4].max() / len(rest) ** 2

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from bench.analysis.gap import Model, diagnose
 from simulators.effects._line_track import tracked
+from simulators.effects._steady_line import _spectrum
 from tests.analysis.gap.conftest import made_run, stimulus
 
 
@@ -66,6 +67,13 @@ def test_what_is_not_known_is_followed_through() -> None:
     assert np.std(found - wave) < 0.25 * np.std(wave)
     rest[::2] = np.nan  # no two samples side by side: nothing says how large noise is
     assert tracked(rest, 0.11, 3.0, wave) is wave
+
+
+def test_a_line_stands_out_of_its_surroundings_as_much_beside_a_long_run_as_alone() -> None:
+    """A short run is transformed on the grid of the longest: its surroundings stay as many of its frequencies."""
+    rest = np.random.default_rng(7).normal(0.0, 1.0, 1_800)
+    alone, beside = _spectrum(rest, 4 * 1_800), _spectrum(rest, 48 * 1_800)
+    np.testing.assert_allclose(beside[::12], alone, rtol=1e-6)
 
 
 @pytest.mark.parametrize("off_hz", [0.0, 2e-4])
