@@ -222,7 +222,7 @@ def _stage(unit: Unit, sort: Sort, repeat: int, number: int) -> Stage:
     rng = drawn(unit.seed, "stage", key)
     step_s, per_row = sort.grid
     steps = round(60.0 * sort.minutes / step_s)
-    edges_s = np.arange(steps + 1) * step_s
+    edges_s: Array = np.arange(steps + 1.0) * step_s
     gates_s = edges_s[::per_row]
     powered_s = float(rng.uniform(*sort.powered_s))
     bodies = dict(zip(BODIES, heated(unit, _air_c(unit, sort, key, step_s), step_s, powered_s), strict=True))

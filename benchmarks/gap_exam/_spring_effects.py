@@ -121,7 +121,7 @@ def _bar_hysteresis(unit: Unit, stage: Stage, size: float) -> Array:
         return np.zeros(stage.steps)
     rate = sensed_dps(stage)
     widths = within(unit, "form", 0.6, 1.6) * np.array([0.1, 0.4, 1.5, 5.0])
-    return size * _DPH * np.mean([play(rate, width) - rate for width in widths.tolist()], axis=0)
+    return np.asarray(size * _DPH * np.mean([play(rate, width) - rate for width in widths.tolist()], axis=0))
 
 
 def _cross_coupling(unit: Unit, stage: Stage, size: float) -> Array:
@@ -162,7 +162,7 @@ def _bellows_friction(unit: Unit, stage: Stage, size: float) -> Array:
     # folds of the bellows slip one after the other
     oil = stage.body("oil")
     widths = within(unit, "form", 0.7, 1.4) * np.array([1.0, 2.5, 5.0, 9.0])
-    return size * np.mean([play(oil, width) - oil for width in widths.tolist()], axis=0)
+    return np.asarray(size * np.mean([play(oil, width) - oil for width in widths.tolist()], axis=0))
 
 
 def _cement_creep(unit: Unit, stage: Stage, size: float) -> Array:
@@ -251,7 +251,7 @@ def _hunting(unit: Unit, stage: Stage, size: float) -> Array:
     phase = drawn(unit.seed, "hunting", stage.key).uniform(0.0, 2.0 * math.pi)
     edges = np.arange(stage.steps + 1) * stage.step_s
     waves = -np.cos(2.0 * math.pi * hertz * edges + phase) / (2.0 * math.pi * hertz)
-    return size * np.diff(waves) / stage.step_s
+    return np.asarray(size * np.diff(waves) / stage.step_s)
 
 
 def shaking(rate_dps: Array, resonance_dps: float) -> Array:
