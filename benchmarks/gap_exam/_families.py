@@ -17,6 +17,7 @@ from benchmarks.gap_exam._make import Plan, kinds_of, make_case, plan, prepare_f
 from benchmarks.gap_exam._mems import MEMS
 from benchmarks.gap_exam._nuclear import NUCLEAR
 from benchmarks.gap_exam._ring_laser import RING_LASER
+from benchmarks.gap_exam._spring import SPRING
 from benchmarks.gap_exam._strapdown import STRAPDOWN
 from benchmarks.gap_exam._tuned_rotor import TUNED_ROTOR
 from benchmarks.gap_exam._tuning_fork import TUNING_FORK
@@ -35,6 +36,7 @@ FAMILIES = {
         GAS_RATE,
         CYLINDER,
         DEPOLARISED,
+        SPRING,
         EXAM_PLANT,
     )
 }
