@@ -332,14 +332,18 @@
     const preset = event.target.elements.preset.value;
     if (await ask("save_preset", { ...order(), preset })) location.href = `?procedure=${encodeURIComponent(form.dataset.procedure)}&preset=${encodeURIComponent(preset.trim())}`;
   });
-  for (const node of document.querySelectorAll("[data-forget]"))
+  for (const node of document.querySelectorAll("[data-forget]")) {
     node.addEventListener("click", async () => {
       if (await ask("remove_preset", { procedure: form.dataset.procedure, preset: node.dataset.forget })) location.reload();
     });
-  for (const node of document.querySelectorAll("[data-resume]"))
+    node.disabled = false;
+  }
+  for (const node of document.querySelectorAll("[data-resume]")) {
     node.addEventListener("click", async () => {
       if (await ask("add", { resume: node.dataset.resume })) location.reload();
     });
+    node.disabled = false;
+  }
   recallName(field);
   look();
   estimate();

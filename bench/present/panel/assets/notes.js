@@ -60,5 +60,6 @@
       }
       form.querySelector("button").disabled = false;
     });
+    form.querySelector("button").disabled = false;
   }
 })();

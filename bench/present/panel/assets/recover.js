@@ -24,5 +24,6 @@
       setText(button, "Complete the record");
       button.disabled = false;
     });
+    button.disabled = false;
   }
 })();
