@@ -29,6 +29,7 @@ from bench.analysis.gap._learn import Learned, learned
 from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._noise import Noise
 from bench.analysis.gap._prepare import Prepared, prepare
+from bench.analysis.gap._reading import without_reading_noise
 from bench.analysis.gap._remarks import of_noise, of_same, of_time
 from bench.analysis.gap._signal import Signal
 from bench.analysis.gap._stochastic import DATA_SHEET, EFFECT_OF, NoiseVerdict
@@ -119,7 +120,9 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
 
     def prepare(self, runs: Sequence[GapRun], model: Model) -> _Ready:
         check_runs(runs)
-        shifted, notes = aligned(by_length(runs))
+        still, notes = without_reading_noise(by_length(runs))
+        shifted, late = aligned(still)
+        notes += late
         notes += [f"{run.run_id}: {remark}" for run in runs for remark in run.remarks]
         model = _with_unknown_rate(model, runs)
         disturbed = without_disturbances(shifted, model)

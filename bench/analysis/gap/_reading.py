@@ -1,0 +1,99 @@
+"""Noise of the table's reading: an angle that scatters about a line is no rate, unless the gyro follows it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bench.analysis.gap._data import SIGMA_OF_SECOND_DIFFERENCES, GapRun
+from drivers.base.arrays import Array
+
+_CHANGES = 8.0
+"""A change of rate from sample to sample that many times the median one begins another dwell."""
+_SHORTEST = 32
+"""Samples of a dwell from which the scatter about its line is judged."""
+_WHITE = 1.5
+"""Largest scatter about a line against what second differences say of it: more is a table that moves."""
+_ROUNDED_DEG = 1e-9
+"""Scatter of an angle that is computed and not read."""
+_FOLLOWS = 0.4
+"""Part of the scatter that a gyro must show for it to be the table's rate: reading noise shows none."""
+_SIGMAS = 2.0
+
+
+@dataclass(frozen=True)
+class _Dwell:
+    """A stretch at one rate: its edges in a run (m + 1,), the line of their angles and what is beside it, deg."""
+
+    run: int
+    edges: slice
+    line_deg: Array
+    beside_deg: Array
+
+
+def without_reading_noise(runs: Sequence[GapRun]) -> tuple[list[GapRun], list[str]]:
+    """Return the runs with the line for the angle where its reading only scatters, and what was taken so.
+
+    The gyro decides: its output is regressed on the rate of the scatter, both differenced, over all runs.
+    A steep effect (the edge of a dead zone beside the Earth's rate) would otherwise be fitted to that noise.
+    """
+    dwells = [dwell for number, run in enumerate(runs) for dwell in _dwells(number, run)]
+    crossed = squared = variance = 0.0
+    for dwell in dwells:
+        run = runs[dwell.run]
+        inside = slice(dwell.edges.start, dwell.edges.stop - 1)
+        along = 3600.0 / run.stimulus.period_s * np.sin(np.radians(run.stimulus.elevation_deg[inside]))
+        scatter, output = np.diff(dwell.beside_deg) * along, run.output_dph[inside]
+        known = ~np.isnan(np.diff(output))
+        bends = np.abs(np.diff(output, 2))
+        if np.isnan(bends).all():
+            continue
+        sigma = float(np.nanmedian(bends)) * SIGMA_OF_SECOND_DIFFERENCES
+        change = np.where(known, np.diff(scatter), 0.0)
+        crossed += float(change @ np.where(known, np.diff(output), 0.0))
+        squared += float(change @ change)
+        variance += sigma**2 * float(np.square(np.diff(change, prepend=0.0, append=0.0)).sum())
+    if squared == 0.0:
+        return list(runs), []
+    follows, sigma = crossed / squared, math.sqrt(variance) / squared
+    if abs(follows) + _SIGMAS * sigma > _FOLLOWS:
+        return list(runs), []
+    steady = list(runs)
+    for dwell in dwells:
+        steady[dwell.run] = _on_its_line(steady[dwell.run], dwell)
+    arcsec = 3600.0 * float(np.median([np.std(dwell.beside_deg) for dwell in dwells]))
+    return steady, [
+        f"the table's angle is read with a noise of {arcsec:.2g} arcsec that the gyro does not follow "
+        f"({follows:.2f} +- {_SIGMAS * sigma:.2f} of it): at one rate the table is taken to turn evenly"
+    ]
+
+
+def _dwells(number: int, run: GapRun) -> Iterator[_Dwell]:
+    """Yield the stretches of a run in which its angle does nothing but scatter, white, about a line."""
+    s = run.stimulus
+    change = np.abs(np.diff(s.table_rate_dps))
+    ends = np.flatnonzero(change > _CHANGES * np.median(change)) + 1
+    for start, stop in zip([0, *ends.tolist()], [*ends.tolist(), len(s)], strict=True):
+        if stop - start < _SHORTEST:
+            continue
+        edges = slice(start, stop + 1)
+        angle = s.angle_deg[edges]
+        place = np.arange(len(angle)) - 0.5 * (len(angle) - 1)
+        line = angle.mean() + place * float(place @ angle) / float(place @ place)
+        beside = angle - line
+        white = float(np.std(np.diff(angle, 2))) / math.sqrt(6.0)
+        if _ROUNDED_DEG < float(np.std(beside)) <= _WHITE * white:
+            yield _Dwell(number, edges, line, beside)
+
+
+def _on_its_line(run: GapRun, dwell: _Dwell) -> GapRun:
+    s, line = run.stimulus, dwell.line_deg
+    angle, edge_rate = s.angle_deg.copy(), s.edge_rate_dps
+    angle[dwell.edges] = line
+    if edge_rate is not None:
+        edge_rate = edge_rate.copy()
+        edge_rate[dwell.edges] = (line[-1] - line[0]) / ((len(line) - 1) * s.period_s)
+    return replace(run, stimulus=replace(s, angle_deg=angle, edge_rate_dps=edge_rate))

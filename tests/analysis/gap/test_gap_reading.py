@@ -1,0 +1,98 @@
+"""An angle that is read with noise at rest, against a gyro that follows it and one that does not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bench.analysis.gap import Model, diagnose
+from bench.analysis.gap._data import GapRun
+from bench.analysis.gap._reading import without_reading_noise
+from simulators.effects import Stimulus
+from tests.analysis.gap.conftest import made_run, stimulus
+
+NOISE_DEG = 3e-5
+"""Of a reading: 0.15 deg/h in the rate of a sample of 1 s, beside 0.24 deg/h of the gyro."""
+
+
+def _read(s: Stimulus, seed: int, noise_deg: float = NOISE_DEG) -> Stimulus:
+    """What is logged of a table: its angle with the noise of the reading."""
+    noise = np.random.default_rng(seed).normal(0.0, noise_deg, len(s) + 1)
+    return replace(s, angle_deg=s.angle_deg + noise)
+
+
+def _standing(number: int, n: int = 5000) -> GapRun:
+    """A table that stands and is read with noise; the gyro sees the Earth's rate alone."""
+    made = made_run(f"run {number}", stimulus(n), np.random.default_rng(number))
+    return replace(made, stimulus=_read(made.stimulus, 50 + number))
+
+
+def test_a_reading_that_the_gyro_does_not_follow_is_no_rate() -> None:
+    still, notes = without_reading_noise([_standing(1), _standing(2)])
+    for run in still:
+        assert np.ptp(run.stimulus.input_rate_dph) < 0.02  # of 1 deg/h as read
+    assert len(notes) == 1 and "0.11 arcsec" in notes[0] and "evenly" in notes[0]
+
+
+def test_a_scatter_that_the_gyro_follows_is_the_tables() -> None:
+    runs = []
+    for number in range(2):
+        moved = _read(stimulus(5000), 70 + number)  # now the noise is the table's own motion
+        runs.append(made_run(f"run {number}", moved, np.random.default_rng(number)))
+    kept, notes = without_reading_noise(runs)
+    assert all(one is run for one, run in zip(kept, runs, strict=True)) and notes == []
+
+
+def test_what_the_gyro_is_too_noisy_to_decide_stays() -> None:
+    rng = np.random.default_rng(2)
+    runs = [replace(_standing(1), output_dph=rng.normal(0.0, 30.0, 5000))]
+    (kept,), notes = without_reading_noise(runs)
+    assert kept is runs[0] and notes == []
+
+
+def test_a_slow_rate_and_its_edges_stay_what_they_are() -> None:
+    """Steps of 9 deg/h beside rest: no one line goes through them, and they keep their rates."""
+    s = stimulus(4000, cold=False)
+    rate_dps = np.repeat([0.0, 0.0025, 0.0, 0.02], 1000)
+    s = replace(s, angle_deg=np.concatenate(([10.0], 10.0 + np.cumsum(rate_dps))))
+    made = made_run("slow", s, np.random.default_rng(3))
+    (still,), _ = without_reading_noise([replace(made, stimulus=_read(s, 5))])
+    mean_dps = still.stimulus.table_rate_dps.reshape(4, 1000).mean(axis=1)
+    np.testing.assert_allclose(mean_dps, [0.0, 0.0025, 0.0, 0.02], atol=1e-6)
+
+
+def test_lost_samples_are_no_evidence_and_a_table_that_turns_is_read_alike() -> None:
+    run, turning = _standing(1), made_run("t", stimulus(5000, rate_dps=5.0), np.random.default_rng(9))
+    turning = replace(turning, stimulus=_read(turning.stimulus, 8))
+    output = run.output_dph.copy()
+    output[1000:4000] = np.nan
+    even, notes = without_reading_noise([replace(run, output_dph=output), turning])
+    assert notes and all(np.ptp(each.stimulus.input_rate_dph) < 0.02 for each in even)
+    nothing = replace(run, output_dph=np.full(len(output), np.nan))
+    (kept,), notes = without_reading_noise([nothing])
+    assert kept is nothing and notes == []
+
+
+def test_a_table_that_swings_beside_its_noise_is_left_alone() -> None:
+    """A ripple of 0.4 arcsec beside 0.11 arcsec of reading noise is the table's, whatever the noise is."""
+    run = _standing(4)
+    swing_deg = 1.1e-4 * np.sin(2.0 * np.pi * np.arange(5001) / 36.0)
+    s = replace(run.stimulus, angle_deg=run.stimulus.angle_deg + swing_deg)
+    (kept,), notes = without_reading_noise([replace(run, stimulus=s)])
+    assert kept.stimulus is s and notes == []
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_perfect_gyro_on_a_table_that_is_read_with_noise_has_no_gap(nominal: Model, seed: int) -> None:
+    """The edge of a dead zone beside the Earth's rate was fitted to the noise of the reading."""
+    runs = [_standing(10 * seed + number, 8000) for number in range(4)]
+    rates = np.repeat([0.0, 1.0, -1.0, 10.0, -10.0, 0.003, -0.003, 0.03, -0.03, 0.0], 200)
+    s = replace(stimulus(2000, cold=False), angle_deg=np.concatenate(([10.0], 10.0 + np.cumsum(rates))))
+    for number in range(2):
+        made = made_run(f"rates {number}", s, np.random.default_rng((seed, number)), profile="rates")
+        runs.append(replace(made, stimulus=_read(s, 90 + number)))
+    found = diagnose(runs, nominal)
+    assert found.verdict == "no gap", (found.causes, found.rate.stochastic)
+    assert any("is read with a noise" in note for note in found.rate.warnings)
