@@ -1,4 +1,4 @@
-"""Noise of the table's reading: an angle that scatters about a line is no rate, unless the gyro follows it."""
+"""Noise of the table's reading: what scatters about an even turn is no rate, unless the gyro follows it."""
 
 from __future__ import annotations
 
@@ -17,6 +17,11 @@ _SHORTEST = 32
 """Samples of a dwell from which the scatter about its line is judged."""
 _WHITE = 1.5
 """Largest scatter about a line against what second differences say of it: more is a table that moves."""
+_BLOCK = 16
+_FEWEST_BLOCKS = 8
+"""Means of so many samples that a rate which scatters white is judged by: a ripple shows in them."""
+_OPPOSED = 0.9
+"""Less scatter than that, against what differences say, is of an angle: its rates take one another back."""
 _ROUNDED_DEG = 1e-9
 """Scatter of an angle that is computed and not read."""
 _FOLLOWS = 0.4
@@ -64,9 +69,10 @@ def without_reading_noise(runs: Sequence[GapRun]) -> tuple[list[GapRun], list[st
     steady = list(runs)
     for dwell in dwells:
         steady[dwell.run] = _on_its_line(steady[dwell.run], dwell)
-    arcsec = 3600.0 * float(np.median([np.std(dwell.beside_deg) for dwell in dwells]))
+    rates = [np.diff(dwell.beside_deg) / runs[dwell.run].stimulus.period_s for dwell in dwells]
+    noise_dph = 3600.0 * float(np.median([np.std(rate) for rate in rates]))
     return steady, [
-        f"the table's angle is read with a noise of {arcsec:.2g} arcsec that the gyro does not follow "
+        f"the table's rate is read with a noise of {noise_dph:.2g} deg/h a sample that the gyro does not follow "
         f"({follows:.2f} +- {_SIGMAS * sigma:.2f} of it): at one rate the table is taken to turn evenly"
     ]
 
@@ -81,12 +87,29 @@ def _dwells(number: int, run: GapRun) -> Iterator[_Dwell]:
             continue
         edges = slice(start, stop + 1)
         angle = s.angle_deg[edges]
-        place = np.arange(len(angle)) - 0.5 * (len(angle) - 1)
-        line = angle.mean() + place * float(place @ angle) / float(place @ place)
-        beside = angle - line
-        white = float(np.std(np.diff(angle, 2))) / math.sqrt(6.0)
-        if _ROUNDED_DEG < float(np.std(beside)) <= _WHITE * white:
-            yield _Dwell(number, edges, line, beside)
+        line = _line(angle)
+        if line is not None:
+            yield _Dwell(number, edges, line, angle - line)
+
+
+def _line(angle_deg: Array) -> Array | None:
+    """Return the line that an angle (m + 1,) scatters about, or None: white itself, or in a tachometer's rate."""
+    rate = np.diff(angle_deg)
+    spread = float(np.std(rate))
+    if spread < _ROUNDED_DEG:
+        return None
+    place = np.arange(len(angle_deg)) - 0.5 * len(rate)
+    line = angle_deg.mean() + place * float(place @ angle_deg) / float(place @ place)
+    if float(np.std(angle_deg - line)) <= _WHITE * float(np.std(np.diff(rate))) / math.sqrt(6.0):
+        return np.asarray(line)
+    blocks = rate[: len(rate) // _BLOCK * _BLOCK].reshape(-1, _BLOCK).mean(axis=1)
+    if len(blocks) < _FEWEST_BLOCKS or float(np.std(blocks)) > _WHITE * spread / math.sqrt(_BLOCK):
+        return None
+    white = float(np.std(np.diff(rate))) / math.sqrt(2.0)
+    if not _OPPOSED * white <= spread <= _WHITE * white:
+        return None
+    # an integral of noise walks: what it reached is kept, or the sample after the dwell would turn all of it
+    return np.linspace(angle_deg[0], angle_deg[-1], len(angle_deg))
 
 
 def _on_its_line(run: GapRun, dwell: _Dwell) -> GapRun:

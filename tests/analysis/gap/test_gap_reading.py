@@ -33,7 +33,7 @@ def test_a_reading_that_the_gyro_does_not_follow_is_no_rate() -> None:
     still, notes = without_reading_noise([_standing(1), _standing(2)])
     for run in still:
         assert np.ptp(run.stimulus.input_rate_dph) < 0.02  # of 1 deg/h as read
-    assert len(notes) == 1 and "0.11 arcsec" in notes[0] and "evenly" in notes[0]
+    assert len(notes) == 1 and "0.15 deg/h a sample" in notes[0] and "evenly" in notes[0]
 
 
 def test_a_scatter_that_the_gyro_follows_is_the_tables() -> None:
@@ -50,6 +50,18 @@ def test_what_the_gyro_is_too_noisy_to_decide_stays() -> None:
     runs = [replace(_standing(1), output_dph=rng.normal(0.0, 30.0, 5000))]
     (kept,), notes = without_reading_noise(runs)
     assert kept is runs[0] and notes == []
+
+
+def test_a_tachometer_that_scatters_is_no_rate_and_its_integral_leaves_no_step() -> None:
+    """Rates as logged, of 0.001 deg/s of noise: their sum walks by 0.05 deg in the first dwell."""
+    rate_dps = np.repeat([0.0, 2.0], 3000)
+    s = replace(stimulus(6000, cold=False), angle_deg=np.concatenate(([10.0], 10.0 + np.cumsum(rate_dps))))
+    made = made_run("logged", s, np.random.default_rng(12))
+    logged_dps = rate_dps + np.random.default_rng(13).normal(0.0, 1e-3, 6000)
+    read = replace(s, angle_deg=np.concatenate(([10.0], 10.0 + np.cumsum(logged_dps))))
+    (even,), notes = without_reading_noise([replace(made, stimulus=read)])
+    np.testing.assert_allclose(even.stimulus.table_rate_dps, rate_dps, atol=1e-4)
+    assert "3.6 deg/h a sample" in notes[0]
 
 
 def test_a_slow_rate_and_its_edges_stay_what_they_are() -> None:
