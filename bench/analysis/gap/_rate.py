@@ -120,12 +120,12 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
 
     def prepare(self, runs: Sequence[GapRun], model: Model) -> _Ready:
         check_runs(runs)
-        still, notes = without_reading_noise(by_length(runs))
-        shifted, late = aligned(still)
-        notes += late
+        shifted, notes = aligned(by_length(runs))
+        steady, read = without_reading_noise(shifted)  # a gyro that is late would seem not to follow
+        notes += read
         notes += [f"{run.run_id}: {remark}" for run in runs for remark in run.remarks]
         model = _with_unknown_rate(model, runs)
-        disturbed = without_disturbances(shifted, model)
+        disturbed = without_disturbances(steady, model)
         variants = candidate_variants(model, disturbed.runs)
         return _Ready(model, variants, disturbed, prepare(disturbed.runs, model, variants), notes)
 

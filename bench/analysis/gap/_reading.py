@@ -18,8 +18,8 @@ _SHORTEST = 32
 _WHITE = 1.5
 """Largest scatter about a line against what second differences say of it: more is a table that moves."""
 _BLOCK = 16
+"""Samples of the means that a rate which scatters white is judged by: a ripple shows in them."""
 _FEWEST_BLOCKS = 8
-"""Means of so many samples that a rate which scatters white is judged by: a ripple shows in them."""
 _OPPOSED = 0.9
 """Less scatter than that, against what differences say, is of an angle: its rates take one another back."""
 _ROUNDED_DEG = 1e-9
@@ -27,6 +27,7 @@ _ROUNDED_DEG = 1e-9
 _FOLLOWS = 0.4
 """Part of the scatter that a gyro must show for it to be the table's rate: reading noise shows none."""
 _SIGMAS = 2.0
+"""Standard deviations by which that part must be known to be less."""
 
 
 @dataclass(frozen=True)

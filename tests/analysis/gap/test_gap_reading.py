@@ -1,4 +1,4 @@
-"""An angle that is read with noise at rest, against a gyro that follows it and one that does not."""
+"""A table that is read with noise, against a gyro that follows the reading and one that does not."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import pytest
 
 from bench.analysis.gap import Model, diagnose
 from bench.analysis.gap._data import GapRun
+from bench.analysis.gap._rate import RateSignal
 from bench.analysis.gap._reading import without_reading_noise
 from simulators.effects import Stimulus
 from tests.analysis.gap.conftest import made_run, stimulus
@@ -17,9 +18,9 @@ NOISE_DEG = 3e-5
 """Of a reading: 0.15 deg/h in the rate of a sample of 1 s, beside 0.24 deg/h of the gyro."""
 
 
-def _read(s: Stimulus, seed: int, noise_deg: float = NOISE_DEG) -> Stimulus:
+def _read(s: Stimulus, seed: int) -> Stimulus:
     """What is logged of a table: its angle with the noise of the reading."""
-    noise = np.random.default_rng(seed).normal(0.0, noise_deg, len(s) + 1)
+    noise = np.random.default_rng(seed).normal(0.0, NOISE_DEG, len(s) + 1)
     return replace(s, angle_deg=s.angle_deg + noise)
 
 
@@ -45,6 +46,17 @@ def test_a_scatter_that_the_gyro_follows_is_the_tables() -> None:
         runs.append(run)
     kept, notes = without_reading_noise(runs)
     assert all(one is run for one, run in zip(kept, runs, strict=True)) and notes == []
+
+
+def test_a_gyro_that_is_two_samples_late_follows_all_the_same(nominal: Model) -> None:
+    rate_dps = np.repeat([0.0, 2.0, 0.0], 2000)
+    s = replace(stimulus(6000, cold=False), angle_deg=np.concatenate(([10.0], 10.0 + np.cumsum(rate_dps))))
+    moved = _read(s, 21)
+    made = made_run("late", moved, np.random.default_rng(22))
+    early = np.clip(np.arange(6001) + 2, 0, 6000)
+    late = replace(made, stimulus=replace(moved, angle_deg=moved.angle_deg[early]))
+    ready = RateSignal().prepare([late], nominal)
+    assert "2 s late" in ready.notes[0] and not any("read with a noise" in note for note in ready.notes)
 
 
 def test_what_the_gyro_is_too_noisy_to_decide_stays() -> None:

@@ -59,8 +59,12 @@ def test_a_stopped_campaign_is_gone_on_with_from_the_browser(
         # the queue is held; the campaign is offered, with what is done of it
         page.goto(bench.address)
         expect(page.locator("[data-held]")).to_contain_text("did not end well")
+        page.route("**/assets/*.js", lambda route: route.abort())
         page.reload()
         offered = page.locator(".resume")
+        expect(offered.get_by_role("button")).to_be_disabled()  # what it does has not come yet
+        page.unroute("**/assets/*.js")
+        page.reload()
         expect(offered).to_contain_text("Two turns")
         offered.get_by_role("button", name="Go on with it").click()
         expect(page.locator("[data-waiting]")).to_contain_text("Two turns")
