@@ -26,6 +26,8 @@ _ROUNDED_DEG = 1e-9
 """Scatter of an angle that is computed and not read."""
 _FOLLOWS = 0.4
 """Part of the scatter that a gyro must show for it to be the table's rate: reading noise shows none."""
+_OUTLYING = 6.0
+"""Standard deviations of the output's noise beyond which a jump counts no more."""
 _SIGMAS = 2.0
 """Standard deviations by which that part must be known to be less."""
 
@@ -53,13 +55,15 @@ def without_reading_noise(runs: Sequence[GapRun]) -> tuple[list[GapRun], list[st
         inside = slice(dwell.edges.start, dwell.edges.stop - 1)
         along = 3600.0 / run.stimulus.period_s * np.sin(np.radians(run.stimulus.elevation_deg[inside]))
         scatter, output = np.diff(dwell.beside_deg) * along, run.output_dph[inside]
-        known = ~np.isnan(np.diff(output))
+        jumps = np.diff(output)
+        known = ~np.isnan(jumps)
         bends = np.abs(np.diff(output, 2))
         if np.isnan(bends).all():
             continue
         sigma = float(np.nanmedian(bends)) * SIGMA_OF_SECOND_DIFFERENCES
         change = np.where(known, np.diff(scatter), 0.0)
-        crossed += float(change @ np.where(known, np.diff(output), 0.0))
+        jumps = np.clip(jumps, -_OUTLYING * sigma, _OUTLYING * sigma)  # an impulse, or a move that comes late
+        crossed += float(change @ np.where(known, jumps, 0.0))
         squared += float(change @ change)
         variance += sigma**2 * float(np.square(np.diff(change, prepend=0.0, append=0.0)).sum())
     if squared == 0.0:

@@ -59,6 +59,16 @@ def test_a_gyro_that_is_two_samples_late_follows_all_the_same(nominal: Model) ->
     assert "2 s late" in ready.notes[0] and not any("read with a noise" in note for note in ready.notes)
 
 
+def test_a_move_that_comes_half_a_sample_late_decides_nothing() -> None:
+    rate_dps = np.repeat([0.0, 2.0, 0.0], 2000)
+    s = replace(stimulus(6000, cold=False), angle_deg=np.concatenate(([10.0], 10.0 + np.cumsum(rate_dps))))
+    made = made_run("late", s, np.random.default_rng(23))
+    made.output_dph[[2000, 4000]] -= 3600.0 * np.array([1.0, -1.0])
+    (even,), notes = without_reading_noise([replace(made, stimulus=_read(s, 24))])
+    np.testing.assert_allclose(even.stimulus.table_rate_dps, rate_dps, atol=1e-4)
+    assert "read with a noise" in notes[0]
+
+
 def test_what_the_gyro_is_too_noisy_to_decide_stays() -> None:
     for seed in range(20):
         output = np.random.default_rng(seed).normal(0.0, 30.0, 5000)
