@@ -17,8 +17,8 @@ _WIDTH = 8
 _AROUND = 6
 """Windows on either side that say how high the surroundings are."""
 _LONGEST_S = 700.0
-_CAUTION = 3.0
-"""Log odds against a line, beside the number of windows looked at."""
+_CAUTION = math.log(100.0)
+"""Log odds against a line, beside the number of windows looked at: noise alone has one in a set of a hundred."""
 _MISFIT_SHARE = 0.1
 """Part of a profile's gap below which a line is taken for an effect's misfit."""
 _WANDERS = 0.05
