@@ -231,11 +231,16 @@ def _term(table: Mapping[str, Any], effects: Mapping[str, object], coarseness: f
     given = dict.fromkeys(absent, 0.0) | table.get("parameters", {})
     sigma = dict.fromkeys(absent, _KNOWN) | table.get("sigma", {})
     wanted = {parameter.name for parameter in effect.parameters}
-    if set(given) != wanted or set(sigma) != wanted or set(shape) != set(shapes):
+    tables = {"parameters": (given, wanted), "sigma": (sigma, wanted), "shape": (shape, set(shapes))}
+    odd = [f"{key} in {part}" for part, (own, keys) in tables.items() for key in sorted(set(own) - keys)]
+    missing = [
+        f"no {key} in {part}" for part, (own, keys) in tables.items() for key in sorted(keys - set(own))
+    ]
+    if odd or missing:
         raise ConfigurationError(
-            "an effect's parameters are not complete",
+            "an effect of the model does not have its parameters and shapes",
             where=f"{where}: {name}",
-            found=f"parameters {sorted(given)}, sigma {sorted(sigma)}, shape {sorted(shape)}",
+            found=", ".join(odd + missing),
             expected=f"parameters and sigma {sorted(wanted)}, shape {sorted(shapes)}",
         )
     for parameter in effect.parameters:

@@ -458,15 +458,17 @@ def test_an_effects_parameters_sigmas_and_shape_are_all_there_and_no_others(what
     assert parse_model(text(), "m").terms[0].values == (0.1,) * len(names)
     if change == "has one more":
         tables[what]["strange"] = 1.0
+        said = f"strange in {what}"
     else:
-        tables[what].popitem()
+        said = f"no {tables[what].popitem()[0]} in {what}"
     if what == "shape" and change == "lacks one":
         assert parse_model(text(), "m").terms[0].variant.shape == dict(
             variant.effect.shapes[0]
         )  # the usual one
     else:
-        with pytest.raises(ConfigurationError, match="not complete"):
+        with pytest.raises(ConfigurationError, match="parameters and shapes") as refused:
             parse_model(text(), "m")
+        assert refused.value.found == said
 
 
 @pytest.mark.parametrize("period_s", [0.5, 1.0, 4.0])
