@@ -201,6 +201,16 @@ class Effect:
         rows = np.broadcast_to(rows, (len(rows), len(stimulus)))
         return np.asarray(1e-6 * stimulus.input_rate_dph * rows) if self.unit == PPM else rows
 
+    @cached_property
+    def grids(self) -> dict[str, list[float]]:
+        """Values of each shape over the grid, in order."""
+        return {key: sorted({float(shape[key]) for shape in self.shapes}) for key in self.shapes[0]}
+
+    @property
+    def moving(self) -> tuple[str, ...]:
+        """Shapes that have values between the points of the grid."""
+        return tuple(key for key, grid in self.grids.items() if len(grid) > 1 and key not in self.whole)
+
     def variants(self) -> tuple[Variant, ...]:
         """Return the effect at every point of its grid."""
         return tuple(Variant(self, shape) for shape in self.shapes)

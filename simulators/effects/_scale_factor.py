@@ -7,7 +7,7 @@ import numpy as np
 from drivers.base.arrays import Array
 from simulators.effects._effect import PPM, Curve, Effect, Input, Parameter, Shape
 from simulators.effects._stimulus import Stimulus
-from simulators.effects._thermal import LAGS, RELAXATIONS, late, power
+from simulators.effects._thermal import LAGS, RELAXATIONS_S, late, power
 
 _AT_DPS = 100.0
 
@@ -54,7 +54,7 @@ SCALE_FACTOR_OVER_TEMPERATURE = (
         tuple(
             {"lag_s": lag_s, "static": static}
             for static, shortest_s in ((0.0, 300.0), (1.0, 800.0))
-            for lag_s in (shortest_s, *(each["lag_s"] for each in RELAXATIONS))
+            for lag_s in (shortest_s, *RELAXATIONS_S)
         ),
         unit=PPM,
         whole=("static",),

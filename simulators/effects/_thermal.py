@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from drivers.base.arrays import Array
@@ -164,9 +166,11 @@ SHUPE_EFFECTS = (
 )
 
 
-RELAXATIONS: tuple[Shape, ...] = tuple({"lag_s": lag} for lag in (1200.0, 2500.0, 5400.0))
+RELAXATIONS_S = (1200.0, 2500.0, 5400.0)
 _BENT = 2.0
 """Logarithm of what the slope of a bent bias grows by in 50 K, as tried."""
+_SPREAD = 1.5
+"""Logarithm of the outer lags of a spectrum over its middle, as tried: a factor of twenty from end to end."""
 _PER_KELVIN = (Parameter("bias_dph_per_k", -50.0, 50.0, DPH.per("K")),)
 
 
@@ -194,14 +198,27 @@ def _flat(above_k: Array, shape: Shape) -> Array:
 
 
 def late(s: Stimulus, shape: Shape) -> Array:
-    """T_in's slow follower where what is late has a dependence of its own (`static` 1), else T_in less it, in K.
+    """Return, in K, a slow follower of a temperature where it acts by itself (`static` 1), else that less it.
 
-    The latter bent over temperature where there is a `growth`.
+    The temperature is T_in, or nearer to the case by a part `toward_case`. With a `spread` there are five lags of
+    one weight, even in their logarithm, the outer ones e^spread times as short and as long as `lag_s`: creep by a
+    power of time is such a spectrum (Ferry, Viscoelastic Properties of Polymers, 1980, ch. 3). With a `growth`
+    the difference is bent over temperature.
     """
-    follower_k = s.lagged(s.warm_k, shape["lag_s"])
+    part, spread = shape.get("toward_case", 0.0), shape.get("spread", 0.0)
+    body_k = s.warm_k - part * s.gradient_k if part else s.warm_k
+    apart = (0.0,) if spread < _STRAIGHT else (-1.0, -0.5, 0.0, 0.5, 1.0)
+    followers_k = [s.lagged(body_k, shape["lag_s"] * math.exp(spread * each)) for each in apart]
+    follower_k = sum(followers_k[1:], start=followers_k[0]) / len(apart)
     if shape.get("static", 0.0):
         return follower_k
-    return SPAN_K * (_bent(s.warm_k, shape) - _bent(follower_k, shape))
+    return SPAN_K * (_bent(body_k, shape) - _bent(follower_k, shape))
+
+
+def _slow(
+    lag_s: float, *, growth: float = 0.0, static: float = 0.0, spread: float = 0.0, toward_case: float = 0.0
+) -> Shape:
+    return {"lag_s": lag_s, "growth": growth, "static": static, "spread": spread, "toward_case": toward_case}
 
 
 MEMORY_EFFECTS = (
@@ -210,34 +227,36 @@ MEMORY_EFFECTS = (
         _PER_KELVIN,
         late,
         Input.T_IN | Input.HISTORY,
-        "T_in's slow follower, or T_in less it",
+        "slow follower of T_in or nearer the case, or that less it",
         "heat flow between sensor and coil",
         "What sets the bias follows the temperature sensor late.",
         (
-            *({"lag_s": lag, "growth": 0.0, "static": 0.0} for lag in (60.0, 200.0, 500.0, 1200.0)),
-            *(
-                {"lag_s": lag, "growth": growth, "static": 0.0}
-                for lag in (150.0, 600.0)
-                for growth in (-_BENT, _BENT)
-            ),
-            *({"lag_s": lag, "growth": 0.0, "static": 1.0} for lag in (400.0, 1200.0)),
+            *(_slow(lag) for lag in (60.0, 200.0, 500.0, 1200.0)),
+            *(_slow(lag, growth=growth) for lag in (150.0, 600.0) for growth in (-_BENT, _BENT)),
+            *(_slow(lag, static=1.0) for lag in (400.0, 1200.0)),
+            *(_slow(lag, spread=_SPREAD) for lag in (200.0, 600.0)),
+            *(_slow(lag, toward_case=part) for lag in (200.0, 700.0) for part in (0.5, 1.0)),
         ),
         whole=("static",),
+        also=Input.GRADIENT,
     ),
     Effect(
         "relaxation",
         _PER_KELVIN,
         late,
         Input.T_IN | Input.HISTORY,
-        "T_in's slow follower, or T_in less it",
+        "slow follower of T_in or nearer the case, or that less it",
         "slow tail after a shock; hysteresis in lag form",
         "Bias relaxes slowly after the temperature has settled.",
         (
-            *({**lag, "growth": 0.0, "static": 0.0} for lag in RELAXATIONS),
-            *({"lag_s": 2500.0, "growth": growth, "static": 0.0} for growth in (-_BENT, _BENT)),
-            *({"lag_s": lag, "growth": 0.0, "static": 1.0} for lag in (2500.0, 5400.0)),
+            *(_slow(lag) for lag in RELAXATIONS_S),
+            *(_slow(2500.0, growth=growth) for growth in (-_BENT, _BENT)),
+            *(_slow(lag, static=1.0) for lag in (2500.0, 5400.0)),
+            *(_slow(lag, spread=_SPREAD) for lag in (1200.0, 3000.0)),
+            *(_slow(1800.0, toward_case=part) for part in (0.5, 1.0)),
         ),
         whole=("static",),
+        also=Input.GRADIENT,
     ),
     Effect(
         "hysteresis",

@@ -246,11 +246,17 @@ def told_by_form(
             if _missed(own, other) and not isinstance(other, FreeCurve):
                 more = max(float((one.left - best.left).sum()), 0.0)
                 behind = 0.5 * _PARTS * math.log1p(more / formula_leaves(own.name))
-                further = len(other.parameters) - len(own.parameters)
-                behind = max(behind + 0.5 * further * math.log(1.0 + _PARTS), _BEHIND)
+                behind = max(behind + 0.5 * _further(other, own) * math.log(1.0 + _PARTS), _BEHIND)
                 one = replace(one, log_evidence=max(one.log_evidence, best.log_evidence - behind))
         result.append(one)
     return result
+
+
+def _further(other: Effect, own: Effect) -> int:
+    """Return how many parameters an effect has beyond one in its place, whose shapes make up for some."""
+    more = len(other.parameters) - len(own.parameters)
+    shapes = len(own.moving) - len(other.moving)
+    return max(more - max(shapes, 0), 0) if more > 0 else more
 
 
 def same_driver(one: Effect, other: Effect) -> bool:

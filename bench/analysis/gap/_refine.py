@@ -14,7 +14,7 @@ import numpy as np
 from bench.analysis.gap._evidence import SetPosterior
 from bench.analysis.gap._generic import FreeCurve
 from drivers.base.arrays import Array
-from simulators.effects import Effect, Variant
+from simulators.effects import Variant
 
 _KEPT = 3
 """Grid points of each effect that are kept for the second look."""
@@ -121,7 +121,7 @@ def _moves(now: Sequence[Variant], gram: Gram) -> list[Mapping[str, float]]:
 
 def _limits(variant: Variant, key: str, step: float) -> tuple[float, float]:
     """Return how far a shape may move down and up at once: by its grid's spacing, inside the grid."""
-    grid, at = _grids(variant.effect)[key], float(variant.shape[key])
+    grid, at = variant.effect.grids[key], float(variant.shape[key])
     return max(-step, grid[0] - at), min(step, grid[-1] - at)
 
 
@@ -130,23 +130,19 @@ def _spacing(variant: Variant) -> dict[str, float]:
     result: dict[str, float] = {}
     if isinstance(variant.effect, FreeCurve) and not variant.effect.local:
         return result
-    for key, grid in _grids(variant.effect).items():
-        if len(grid) > 1 and key not in variant.effect.whole:
-            near = int(np.argmin(np.abs(np.array(grid) - float(variant.shape[key]))))
-            result[key] = grid[min(near + 1, len(grid) - 1)] - grid[max(near - 1, 0)]
-            result[key] *= 0.5 if 0 < near < len(grid) - 1 else 1.0
+    for key in variant.effect.moving:
+        grid = variant.effect.grids[key]
+        near = int(np.argmin(np.abs(np.array(grid) - float(variant.shape[key]))))
+        result[key] = grid[min(near + 1, len(grid) - 1)] - grid[max(near - 1, 0)]
+        result[key] *= 0.5 if 0 < near < len(grid) - 1 else 1.0
     return result
-
-
-def _grids(effect: Effect) -> dict[str, list[float]]:
-    return {key: sorted({float(shape[key]) for shape in effect.shapes}) for key in effect.shapes[0]}
 
 
 def _moved(variant: Variant, move: Mapping[str, float], part: float) -> Variant:
     """Return a variant with its shapes moved by a part of a step, inside the grid."""
     shape = {key: float(value) for key, value in variant.shape.items()}
     for key, step in move.items():
-        grid = _grids(variant.effect)[key]
+        grid = variant.effect.grids[key]
         shape[key] = min(max(shape[key] + part * step, grid[0]), grid[-1])
     return Variant(variant.effect, shape)
 

@@ -133,6 +133,38 @@ def test_what_is_late_as_a_whole_is_what_it_follows_less_what_passes() -> None:
     assert whole + passing == pytest.approx(s.warm_k)
 
 
+def test_creep_has_five_lags_and_its_place_between_thermometer_and_case() -> None:
+    """The case alone steps by -20 K: five exponentials of a body 0.4 of the way to it, by hand."""
+    n, lag_s, spread = 6_000, 900.0, 1.2
+    t_out_c = np.where(np.arange(n) < 500, 25.0, 5.0)
+    s = Stimulus(np.arange(1.0, n + 1.0), np.full(n, 25.0), t_out_c, np.zeros(n + 1), np.zeros(n), 39.1)
+    shape = {"lag_s": lag_s, "growth": 0.0, "spread": spread, "toward_case": 0.4}
+    since_s = np.maximum(np.arange(n) - 499.0, 0.0)
+    lags_s = lag_s * np.exp(spread * np.array([-1.0, -0.5, 0.0, 0.5, 1.0]))
+    body_k = np.where(since_s > 0.0, -8.0, 0.0)
+    left_k = body_k * np.exp(-since_s / lags_s[:, None]).mean(axis=0)
+    passing, whole = (
+        effect("relaxation").columns(s, {**shape, "static": static})[0] for static in (0.0, 1.0)
+    )
+    settled = np.abs(np.arange(n) - 500) > 60  # the record's temperatures are smoothed over a minute
+    assert passing[settled] == pytest.approx(left_k[settled], abs=0.1)
+    assert whole == pytest.approx(body_k - left_k, abs=0.1)
+    narrow = effect("relaxation").columns(s, {**shape, "static": 0.0, "spread": 1e-3})[0]
+    single = effect("relaxation").columns(s, {**shape, "static": 0.0, "spread": 0.0})[0]
+    assert narrow == pytest.approx(single, abs=1e-4)
+    assert np.abs(passing - single).max() > 0.5
+
+
+def test_what_is_late_between_thermometer_and_case_is_a_late_rate_of_change() -> None:
+    """T less its first-order follower is the lag times the follower of dT/dt: `shupe` has the same columns."""
+    s, lag_s = stimulus(9_000), 800.0
+    late = effect("thermal_lag").columns(s, {"lag_s": lag_s, "toward_case": 0.6})[0]
+    warming, gradient = effect("shupe").columns(s, {"lag_s": lag_s})
+    assert late == pytest.approx(
+        lag_s / 60.0 * (warming - 0.6 * gradient), abs=0.02 * float(np.abs(late).max())
+    )
+
+
 def test_stress_of_a_temperature_difference_relaxes_by_its_share() -> None:
     """Standard linear solid after a step of 8 K: 1.5 of it at once, 1 of it in the end."""
     n, lag_s = 6_000, 500.0

@@ -22,7 +22,10 @@ from tests.analysis.gap.conftest import effect, made_run, stimulus
 _EFFECTS = {
     name: effect(name)
     for name in (
+        "bias_cubic",
+        "bias_linear",
         "gradient",
+        "hysteresis",
         "shupe",
         "thermal_lag",
         "warm_up",
@@ -144,9 +147,27 @@ def test_akin_effects_are_told_by_students_likelihood() -> None:
     # fifty parts. The gradient takes 9900 away, and 99 % of what is left above the noise, 100, is its formula's;
     # nobody trusts one to leave less than 10 + 0.003 of what it takes away
     assert told["thermal_lag"] == pytest.approx(-25.0 * math.log1p(10.0 / (10.0 + 29.7 + 99.0)))
-    # as good, with one parameter more: half of ln 51 behind
-    assert told["shupe"] == pytest.approx(-0.5 * math.log(51.0))
+    # as good, with one parameter more, for which the gradient has one more shape: lag and share against a lag
+    assert told["shupe"] == -0.1
     assert told["saturation"] == -80.0
+
+
+def test_a_parameter_more_counts_half_of_ln_51_unless_shapes_make_up_for_it() -> None:
+    for best, behind in (("bias_linear", 0.5 * math.log(51.0)), ("bias_cubic", 0.5 * math.log(51.0))):
+        told = _told([_of_cells(best, 0.0, 200.0), _of_cells("shupe", -80.0, 200.0)], [10_100.0], [100.0])
+        assert told["shupe"] == pytest.approx(-behind), best
+    assert (effect("bias_cubic").moving, effect("shupe").moving) == (("lag_s",), ("lag_s",))
+    for name, shapes in (("thermal_lag", 4), ("gradient", 2), ("hysteresis", 4)):
+        assert len(effect(name).moving) == shapes
+        told = _told([_of_cells(name, 0.0, 200.0), _of_cells("shupe", -80.0, 200.0)], [10_100.0], [100.0])
+        assert told["shupe"] == -0.1, name
+    fewer = _told(
+        [_of_cells("shupe", 0.0, 200.0), _of_cells("bias_cubic", -80.0, 220.0)], [10_100.0], [100.0]
+    )
+    whole = _told(
+        [_of_cells("gradient", 0.0, 200.0), _of_cells("bias_cubic", -80.0, 220.0)], [10_100.0], [100.0]
+    )
+    assert fewer["bias_cubic"] == pytest.approx(whole["bias_cubic"] + 0.5 * math.log(51.0))
 
 
 def test_what_is_left_where_another_effect_acts_is_not_the_formulas() -> None:

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import fftconvolve
 
 from bench.analysis.gap import (
     Diagnosis,
@@ -102,6 +103,26 @@ def test_a_bias_that_settles_by_a_power_of_time_is_a_warm_up(nominal: Model, pow
     assert effect("warm_up").columns(s, {"time_constant_s": 400.0, "stretch": 0.5})[0, 1599] == pytest.approx(
         math.exp(-2.0), abs=1e-3
     )
+
+
+@pytest.mark.parametrize("power", [0.3, 0.6])
+def test_creep_by_a_power_of_time_is_something_late_and_no_rate_of_change(
+    nominal: Model, power: float
+) -> None:
+    """A cement between thermometer and case, by superposition of what each second's change does (Boltzmann)."""
+    s, rng = stimulus(9000), np.random.default_rng(5)
+    cement_c = 0.5 * (s.t_in_c + s.t_out_c)
+    still_to_come = (1.0 + np.arange(9000.0) / 150.0) ** -power
+    creep = fftconvolve(np.diff(cement_c, prepend=cement_c[0]), still_to_come)[:9000]
+
+    found = diagnose([made_run(name, s, rng, 0.8 * creep) for name in "ab"], nominal)
+    assert found.verdict == "explained" and len(found.causes) == 1
+    cause = found.causes[0]
+    assert {cause.name, *cause.one_of} & {"relaxation", "thermal_lag"}
+    assert cause.name != "shupe" or cause.probability < 0.8
+    closed = parse_model(model_text(closed_model(found)), "closed")
+    again = [made_run(name, s, rng, 0.8 * creep) for name in "cd"]
+    assert shrinkage(found.model, closed, again, found.rate.floor).share > 0.98
 
 
 def test_dead_zone_is_found_with_its_band(nominal: Model) -> None:
