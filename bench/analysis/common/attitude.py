@@ -32,18 +32,37 @@ def running_rotation(vectors: Array) -> Array:
     return np.concatenate([np.eye(3)[None], matrices(_prefix_products(quaternions(vectors)))])
 
 
+def whole_rotation(vectors: Array) -> Array:
+    """Return R_0 R_1 ... R_(n - 1), (..., 3, 3), of rotation vectors (..., n, 3) in rad, n at least 1."""
+    q = quaternions(vectors)
+    while q.shape[-2] > 1:
+        even = q.shape[-2] // 2 * 2
+        # of an odd number the last waits for its turn
+        q = np.concatenate((_product(q[..., 0:even:2, :], q[..., 1:even:2, :]), q[..., even:, :]), axis=-2)
+    last = q[..., 0, :]
+    return matrices(last / np.linalg.norm(last, axis=-1, keepdims=True))
+
+
 def quaternions(vectors: Array) -> Array:
-    """Return unit quaternions (n, 4), scalar first, of rotation vectors (n, 3)."""
-    angle = np.linalg.norm(vectors, axis=1)
+    """Return unit quaternions (..., 4), scalar first, of rotation vectors (..., 3)."""
+    angle = np.linalg.norm(vectors, axis=-1, keepdims=True)
     half_sinc = np.sinc(angle / (2.0 * np.pi)) / 2.0
-    return np.concatenate([np.cos(angle / 2.0)[:, None], half_sinc[:, None] * vectors], axis=1)
+    return np.concatenate([np.cos(angle / 2.0), half_sinc * vectors], axis=-1)
 
 
 def _product(p: Array, q: Array) -> Array:
     """Return quaternion products p q, (..., 4)."""
-    scalar = p[..., :1] * q[..., :1] - np.sum(p[..., 1:] * q[..., 1:], axis=-1, keepdims=True)
-    vector = p[..., :1] * q[..., 1:] + q[..., :1] * p[..., 1:] + np.cross(p[..., 1:], q[..., 1:])
-    return np.concatenate([scalar, vector], axis=-1)
+    a, b, c, d = np.moveaxis(p, -1, 0)
+    e, f, g, h = np.moveaxis(q, -1, 0)
+    return np.stack(
+        (
+            a * e - b * f - c * g - d * h,
+            a * f + b * e + c * h - d * g,
+            a * g - b * h + c * e + d * f,
+            a * h + b * g - c * f + d * e,
+        ),
+        axis=-1,
+    )
 
 
 def _prefix_products(q: Array) -> Array:
@@ -66,6 +85,6 @@ def _prefix_products(q: Array) -> Array:
 
 
 def matrices(q: Array) -> Array:
-    """Return rotation matrices (n, 3, 3) of unit quaternions (n, 4)."""
-    skew = cross_matrix(q[:, 1:])
-    return np.asarray(np.eye(3) + 2.0 * q[:, :1, None] * skew + 2.0 * skew @ skew)
+    """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
+    skew = cross_matrix(q[..., 1:])
+    return np.asarray(np.eye(3) + 2.0 * q[..., :1, None] * skew + 2.0 * skew @ skew)
