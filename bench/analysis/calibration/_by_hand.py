@@ -164,7 +164,7 @@ _PARTS = {"eps": EPS, "nabla": NABLA, "kg": KG, "ka": KA}
 
 @dataclass(frozen=True, eq=False)
 class _Turns:
-    """Turns from one rest to the next: numbers of the rests (m,), rates in rad/s (m, n, 3), time of a sample in s.
+    """Turns from one rest to the next: numbers of the rests (m,), rates (m, n, 3) in rad/s, time of samples, s.
 
     `period_s` (m, n) is 0 after a turn's end.
     """
