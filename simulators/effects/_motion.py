@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -141,6 +142,16 @@ def _field(s: Stimulus, shape: Shape) -> Array:
     return np.stack((cosine * (up if across else 1.0), sine, up, level))
 
 
+def _dips(values: Sequence[float]) -> bool:
+    """Return whether what stands up, or level across, is no more than ten times what follows the heading.
+
+    That is a dip of 84 deg. What hardly follows the heading is a sensitivity to gravity.
+    """
+    north, west, up, level = values
+    return math.hypot(up, level) <= _STEEPEST * math.hypot(north, west)
+
+
+_STEEPEST = 10.0
 _ORDERS = tuple(order for order in range(4, 37) if order != 6)
 """Multiples of a turn that a wobble, with its overtone, does not have."""
 _TURNING_DPS, _LEAST_SAMPLES = 1.0, 128
@@ -164,6 +175,7 @@ TABLE_ANGLE_EFFECTS = (
         ),
         whole=("across",),
         curve=Curve(Input.ANGLE),
+        possible=_dips,
     ),
     Effect(
         "table_wobble_once",

@@ -178,6 +178,9 @@ def _judge_sets(
     kept = list(dict.fromkeys([*kept, *(names for names in instead if names is not None), frozenset()]))
     best = posterior.best_variants()
     solutions = {names: solve(gram, sigmas, _columns(posterior, best[names], len(sigmas))) for names in kept}
+    kept = [
+        names for names in kept if _possible(posterior, best[names], solutions[names], variants, len(sigmas))
+    ]
     curves = [
         next(iter(members))
         for names, members in best.items()
@@ -236,6 +239,15 @@ def _judge_sets(
     return [
         in_form(one) if (one.rest.total or one.names & turning) and not one.curved else one for one in matter
     ]
+
+
+def _possible(
+    posterior: SetPosterior, members: frozenset[int], solution: Solution, variants: Sequence[Variant], q: int
+) -> bool:
+    """Return whether each effect of a set may have the parameters that fit best."""
+    values = dict(zip(solution.indices.tolist(), solution.values.tolist(), strict=True))
+    candidates = ((posterior.candidates[member], variants[member].effect) for member in members)
+    return all(effect.possible([values[column + q] for column in own.columns]) for own, effect in candidates)
 
 
 def _columns(posterior: SetPosterior, members: frozenset[int], q: int) -> list[int]:

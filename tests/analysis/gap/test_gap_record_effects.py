@@ -125,6 +125,29 @@ def test_creep_by_a_power_of_time_is_something_late_and_no_rate_of_change(
     assert shrinkage(found.model, closed, again, found.rate.floor).share > 0.98
 
 
+def test_a_field_that_stands_up_ten_times_as_much_as_it_follows_the_heading_is_none(
+    nominal: Model, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A field on a unit in eight attitudes; what of it a limit does not allow is gravity's."""
+    possible = effect("heading_sensitivity").possible
+    assert possible([0.06, -0.08, 0.6, 0.79]) and not possible([0.06, -0.08, 0.6, 0.81])
+    elevation = np.repeat((90.0, 90.0, 90.0, 90.0, 0.0, 0.0, 0.0, 0.0), 150)
+    heading_deg = np.repeat(np.tile((0.0, 90.0, 180.0, 270.0), 2), 150)
+    flat = stimulus(len(elevation), cold=False)
+    s = replace(flat, angle_deg=np.append(heading_deg, heading_deg[-1]), elevation_deg=elevation)
+    field = 0.3 * np.cos(np.radians(heading_deg - 20.0)) + 0.6 * np.sin(np.radians(elevation))
+    field[np.diff(s.angle_deg) != 0.0] = np.nan  # a move of 90 deg within a second is no reading
+    rng = np.random.default_rng(6)
+    runs = [made_run(name, s, rng, field) for name in "abc"]
+    assert _named(diagnose(runs, nominal)) == ["heading_sensitivity"]
+    monkeypatch.setattr("simulators.effects._motion._STEEPEST", 1.0)
+    (level, *others) = diagnose(runs, nominal).causes
+    north, west, up, along = level.term.values
+    assert (level.name, len(others)) == ("heading_sensitivity", 1)
+    assert others[0].name in ("acceleration_sensitivity", "acceleration_squared")
+    assert math.hypot(up, along) <= math.hypot(north, west) == pytest.approx(0.3, abs=0.03)
+
+
 def test_dead_zone_is_found_with_its_band(nominal: Model) -> None:
     found = diagnose(_rates_runs(3, lambda rate: 0.0 if -60.0 < rate < 60.0 else rate), nominal)
     assert _named(found) == ["dead_zone"]
