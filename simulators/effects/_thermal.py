@@ -171,6 +171,8 @@ _BENT = 2.0
 """Logarithm of what the slope of a bent bias grows by in 50 K, as tried."""
 _SPREAD = 1.5
 """Logarithm of the outer lags of a spectrum over its middle, as tried: a factor of twenty from end to end."""
+_FARTHEST = 0.6
+"""Part of the way from thermometer to case up to which something late is: beyond, it resembles the gradient."""
 _PER_KELVIN = (Parameter("bias_dph_per_k", -50.0, 50.0, DPH.per("K")),)
 
 
@@ -203,7 +205,7 @@ def late(s: Stimulus, shape: Shape) -> Array:
     The temperature is T_in, or nearer to the case by a part `toward_case`. With a `spread` there are five lags of
     one weight, even in their logarithm, the outer ones e^spread times as short and as long as `lag_s`: creep by a
     power of time is such a spectrum (Ferry, Viscoelastic Properties of Polymers, 1980, ch. 3). With a `growth`
-    the difference is bent over temperature.
+    the difference is bent over temperature, where it follows T_in.
     """
     part, spread = shape.get("toward_case", 0.0), shape.get("spread", 0.0)
     body_k = s.warm_k - part * s.gradient_k if part else s.warm_k
@@ -212,7 +214,7 @@ def late(s: Stimulus, shape: Shape) -> Array:
     follower_k = sum(followers_k[1:], start=followers_k[0]) / len(apart)
     if shape.get("static", 0.0):
         return follower_k
-    return SPAN_K * (_bent(body_k, shape) - _bent(follower_k, shape))
+    return body_k - follower_k if part else SPAN_K * (_bent(body_k, shape) - _bent(follower_k, shape))
 
 
 def _slow(
@@ -235,7 +237,7 @@ MEMORY_EFFECTS = (
             *(_slow(lag, growth=growth) for lag in (150.0, 600.0) for growth in (-_BENT, _BENT)),
             *(_slow(lag, static=1.0) for lag in (400.0, 1200.0)),
             *(_slow(lag, spread=_SPREAD) for lag in (200.0, 600.0)),
-            *(_slow(lag, toward_case=part) for lag in (200.0, 700.0) for part in (0.5, 1.0)),
+            *(_slow(lag, toward_case=_FARTHEST) for lag in (200.0, 700.0)),
         ),
         whole=("static",),
         also=Input.GRADIENT,
@@ -253,7 +255,7 @@ MEMORY_EFFECTS = (
             *(_slow(2500.0, growth=growth) for growth in (-_BENT, _BENT)),
             *(_slow(lag, static=1.0) for lag in (2500.0, 5400.0)),
             *(_slow(lag, spread=_SPREAD) for lag in (1200.0, 3000.0)),
-            *(_slow(1800.0, toward_case=part) for part in (0.5, 1.0)),
+            _slow(1800.0, toward_case=_FARTHEST),
         ),
         whole=("static",),
         also=Input.GRADIENT,
