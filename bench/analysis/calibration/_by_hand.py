@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,8 +107,8 @@ def calibrate_by_hand(
     heavy, heavy_covariance = _accelerometers(means, spread, gravity_mps2)
     forces = _forces(heavy, means)
     eps = np.radians(rates.mean(axis=0))
-    turns, left_out = _turns(record, windows)
-    turning, turning_covariance, angles = _gyros(turns, forces, eps, turn_deg)
+    moves, left_out = _moves(record, windows)
+    turning, turning_covariance, angles = _gyros(moves, forces, eps, turn_deg)
     parameters = np.zeros(24)
     first = PARAMETERS.start
     places = {name: np.arange(part.start, part.stop) - first for name, part in _PARTS.items()}
@@ -134,7 +133,7 @@ def calibrate_by_hand(
         float(np.sqrt(np.mean((np.linalg.norm(own, axis=1) - gravity_mps2) ** 2))) for own in (means, forces)
     )
     directions = tuple(
-        _direction_rms_deg(turns, own, eps, kg) for own, kg in ((means, np.zeros(9)), (forces, turning))
+        _direction_rms_deg(moves, own, eps, kg) for own, kg in ((means, np.zeros(9)), (forces, turning))
     )
     compensation = ImuCompensation(
         record.unit_id,
@@ -151,7 +150,7 @@ def calibrate_by_hand(
     return HandCalibration(
         compensation,
         len(means),
-        len(turns),
+        len(moves),
         left_out,
         (before, after),
         (directions[0], directions[1]),
@@ -163,19 +162,13 @@ _PARTS = {"eps": EPS, "nabla": NABLA, "kg": KG, "ka": KA}
 
 
 @dataclass(frozen=True, eq=False)
-class _Turns:
-    """Turns from one rest to the next: numbers of the rests (m,), rates (m, n, 3) in rad/s, time of samples, s.
+class _Move:
+    """A turn from one rest to the next: their numbers, and the rates in rad/s (k, 3) of all of it."""
 
-    `period_s` (m, n) is 0 after a turn's end.
-    """
-
-    start: NDArray[np.int64]
-    stop: NDArray[np.int64]
+    start: int
+    stop: int
+    period_s: float
     rate_rad_s: Array
-    period_s: Array
-
-    def __len__(self) -> int:
-        return len(self.start)
 
 
 def _windows(record: HandRecord, gravity_mps2: float) -> list[slice]:
@@ -292,71 +285,59 @@ def _fitted(off: Callable[[Array], Array], start: Array, rows: int) -> tuple[Arr
     return found.x, scale * np.linalg.inv(found.jac.T @ found.jac)
 
 
-def _turns(record: HandRecord, windows: Sequence[slice]) -> tuple[_Turns, int]:
+def _moves(record: HandRecord, windows: Sequence[slice]) -> tuple[list[_Move], int]:
     """Return the turns between neighbouring rests, and how many cannot be integrated."""
-    middles = [(own.start + own.stop) // 2 for own in windows]
-    parts = [slice(*own) for own in pairwise(middles)]
-    whole = [
-        number
-        for number, own in enumerate(parts)
-        if np.isfinite(record.rate_dps[own]).all() and not record.saturated[own].any()
-    ]
-    longest = max((parts[number].stop - parts[number].start for number in whole), default=1)
-    rate, period = np.zeros((len(whole), longest, 3)), np.zeros((len(whole), longest))
-    for row, number in enumerate(whole):
-        count = parts[number].stop - parts[number].start
-        rate[row, :count], period[row, :count] = np.radians(record.rate_dps[parts[number]]), record.period_s
-    start = np.array(whole, dtype=np.int64)
-    return _Turns(start, start + 1, rate, period), len(parts) - len(whole)
+    moves, left_out = [], 0
+    for number in range(len(windows) - 1):
+        low = (windows[number].start + windows[number].stop) // 2
+        high = (windows[number + 1].start + windows[number + 1].stop) // 2
+        rates = record.rate_dps[low:high]
+        if np.isfinite(rates).all() and not record.saturated[low:high].any():
+            moves.append(_Move(number, number + 1, record.period_s, np.radians(rates)))
+        else:
+            left_out += 1
+    return moves, left_out
 
 
-def _small_turns(turns: _Turns, eps: Array, kg: Array) -> Array:
-    """Return what each sample turns, rad (m, n, 3): rates without biases and K_g, `kg` column by column."""
+def _true_rates(move: _Move, eps: Array, kg: Array) -> Array:
+    """Return a turn's rates, rad/s (k, 3), corrected by biases and K_g's elements, column by column."""
     matrix = np.eye(3) + kg.reshape(3, 3).T
-    return np.asarray((turns.rate_rad_s - eps) @ np.linalg.inv(matrix).T) * turns.period_s[:, :, None]
+    return np.asarray((move.rate_rad_s - eps) @ np.linalg.inv(matrix).T)
 
 
-def _turned(turns: _Turns, directions: Array, eps: Array, kg: Array) -> Array:
-    """Return where directions (m, 3) that stand still are in the unit's axes after each turn, (m, 3)."""
-    whole = whole_rotation(_small_turns(turns, eps, kg))
-    return np.asarray(np.einsum("mi,mij->mj", directions, whole))
+def _turned(move: _Move, direction: Array, eps: Array, kg: Array) -> Array:
+    """Return where a direction that stands still is in the unit's axes after a turn, (3,)."""
+    whole = whole_rotation(_true_rates(move, eps, kg) * move.period_s)
+    return np.asarray(direction @ whole)
 
 
 def _gyros(
-    turns: _Turns, forces: Array, eps: Array, turn_deg: float | None
+    moves: Sequence[_Move], forces: Array, eps: Array, turn_deg: float | None
 ) -> tuple[Array, Array, tuple[float, float]]:
     """Return K_g's elements (9,), their covariance, and the rms of told angles before and after in deg."""
-    told = np.zeros(len(turns), dtype=np.bool_)
-    if turn_deg is not None:
-        told = np.abs(_angles_deg(turns, eps, np.zeros(9)) / turn_deg - 1.0) < _NEAR_TURN
+    up = forces / np.linalg.norm(forces, axis=1, keepdims=True)
+    told = [] if turn_deg is None else [
+        move for move in moves if abs(_angle_deg(move, eps, np.zeros(9)) / turn_deg - 1.0) < _NEAR_TURN
+    ]  # fmt: skip
 
     def angles(kg: Array) -> Array:
-        return np.asarray(_angles_deg(turns, eps, kg)[told] - float(turn_deg or 0.0))
+        return np.array([_angle_deg(move, eps, kg) - float(turn_deg or 0.0) for move in told])
 
     def off(kg: Array) -> Array:
-        directions = _off_directions(turns, forces, eps, kg) / _FLOOR_RAD
-        return np.concatenate((directions.ravel(), angles(kg) / _TURN_SIGMA_DEG, kg / _PRIOR_PART))
+        directions = [(_turned(move, up[move.start], eps, kg) - up[move.stop]) / _FLOOR_RAD for move in moves]
+        return np.concatenate((*directions, angles(kg) / _TURN_SIGMA_DEG, kg / _PRIOR_PART))
 
-    found, covariance = _fitted(off, np.zeros(9), 3 * len(turns) + int(told.sum()))
-    rms = [
-        float(np.sqrt(np.mean(angles(kg) ** 2))) if told.any() else math.nan for kg in (np.zeros(9), found)
-    ]
+    found, covariance = _fitted(off, np.zeros(9), 3 * len(moves) + len(told))
+    rms = [float(np.sqrt(np.mean(angles(kg) ** 2))) if told else math.nan for kg in (np.zeros(9), found)]
     return found, covariance, (rms[0], rms[1])
 
 
-def _angles_deg(turns: _Turns, eps: Array, kg: Array) -> Array:
-    """Return by how much each turn about one axis turned, (m,)."""
-    return np.asarray(np.degrees(np.linalg.norm(_small_turns(turns, eps, kg).sum(axis=1), axis=1)))
+def _angle_deg(move: _Move, eps: Array, kg: Array) -> float:
+    """Return by how much a turn about one axis turned."""
+    return math.degrees(float(np.linalg.norm(_true_rates(move, eps, kg).sum(axis=0)) * move.period_s))
 
 
-def _off_directions(turns: _Turns, forces: Array, eps: Array, kg: Array) -> Array:
-    """Return gravity's direction as turned less that as seen after each turn, (m, 3)."""
+def _direction_rms_deg(moves: Sequence[_Move], forces: Array, eps: Array, kg: Array) -> float:
     up = forces / np.linalg.norm(forces, axis=1, keepdims=True)
-    return np.asarray(_turned(turns, up[turns.start], eps, kg) - up[turns.stop])
-
-
-def _direction_rms_deg(turns: _Turns, forces: Array, eps: Array, kg: Array) -> float:
-    if not len(turns):
-        return math.nan
-    off = np.linalg.norm(_off_directions(turns, forces, eps, kg), axis=1)
-    return math.degrees(float(np.sqrt(np.mean(np.square(off)))))
+    off = [np.linalg.norm(_turned(move, up[move.start], eps, kg) - up[move.stop]) for move in moves]
+    return math.degrees(float(np.sqrt(np.mean(np.square(off))))) if off else math.nan

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from bench.analysis.calibration import HandRecord, ImuCompensation, calibrate_by_hand, load_hand_record
-from bench.analysis.calibration._by_hand import _turned, _Turns
+from bench.analysis.calibration._by_hand import _Move, _turned
 from bench.present.cli._app import app
 from drivers.base.errors import ConfigurationError, RecordError
 
@@ -91,23 +91,16 @@ def test_the_compensation_corrects_a_record_that_it_was_not_fitted_on():
     assert rate[turn, 2].sum() * PERIOD_S == pytest.approx(40.0, abs=0.1)
 
 
-def test_turns_are_scipy_s():
-    """Three of different lengths at once: what is beyond a turn's end turns nothing."""
+@pytest.mark.parametrize("angle_deg", [90.0, -35.0, 200.0])
+def test_a_turn_is_scipy_s(angle_deg):
     rng = np.random.default_rng(4)
-    angles_deg, counts = (90.0, -35.0, 200.0), (37, 1, 64)
-    rates, period, up = np.zeros((3, 64, 3)), np.zeros((3, 64)), rng.standard_normal((3, 3))
-    whole = []
-    for row, (angle_deg, count) in enumerate(zip(angles_deg, counts, strict=True)):
-        own = rng.standard_normal((count, 3)) + np.array([0.0, 0.2, np.radians(angle_deg)])
-        rates[row, :count], period[row, :count] = own, 0.02
-        rates[row, count:] = 7.0
-        turned = Rotation.identity()
-        for step in own:
-            turned = turned * Rotation.from_rotvec(step * 0.02)
-        whole.append(turned.inv().apply(up[row]))
-    numbers = np.arange(3)
-    found = _turned(_Turns(numbers, numbers + 1, rates, period), up, np.zeros(3), np.zeros(9))
-    np.testing.assert_allclose(found, whole, atol=1e-12)
+    rates = rng.standard_normal((37, 3)) + np.array([0.0, 0.2, np.radians(angle_deg)])
+    whole = Rotation.identity()
+    for step in rates:
+        whole = whole * Rotation.from_rotvec(step * 0.02)
+    up = np.array([0.3, -0.5, math.sqrt(1.0 - 0.34)])
+    turned = _turned(_Move(0, 1, 0.02, rates), up, np.zeros(3), np.zeros(9))
+    np.testing.assert_allclose(turned, whole.inv().apply(up), atol=1e-12)
 
 
 def test_a_told_angle_gives_the_scale_factor_where_gravity_does_not():
