@@ -16,6 +16,7 @@ from benchmarks.gap_exam._hemispherical import HEMISPHERICAL
 from benchmarks.gap_exam._make import Plan, kinds_of, make_case, plan, prepare_folder
 from benchmarks.gap_exam._mems import MEMS
 from benchmarks.gap_exam._nuclear import NUCLEAR
+from benchmarks.gap_exam._recorders import RECORDERS
 from benchmarks.gap_exam._ring_laser import RING_LASER
 from benchmarks.gap_exam._spring import SPRING
 from benchmarks.gap_exam._strapdown import STRAPDOWN
@@ -37,6 +38,7 @@ FAMILIES = {
         CYLINDER,
         DEPOLARISED,
         SPRING,
+        RECORDERS,
         EXAM_PLANT,
     )
 }
