@@ -247,7 +247,7 @@ def recorded(unit: Unit, lab: Lab, sort: Sort, repeat: int, number: int) -> Reco
         warm[1],
         warm[0],
         edges,
-        blanked(told, step_s, mounted_s, edges, lab.masks),
+        blanked(told, step_s, mounted_s, edges, lab.masks and sort.masks),
         kept,
         (("all", 0.0),),
         round(float(powered), 1),
@@ -288,7 +288,9 @@ def sorts(lab: Lab, rng: np.random.Generator) -> list[Sort]:
 
     def rates_at(code: str, condition: str, air_c: float, repeats: int) -> Sort:
         turns = partial(stepwise, fast, 60.0, dwell, rest)
-        return Sort(code, "rates", condition, rates_min, [(0.0, air_c)], repeats, turns=turns, grid=_FINE)
+        return Sort(
+            code, "rates", condition, rates_min, [(0.0, air_c)], repeats, turns=turns, grid=_FINE, masks=True
+        )
 
     def still(
         code: str, profile: str, length: float, chamber: list[tuple[float, float]], repeats: int

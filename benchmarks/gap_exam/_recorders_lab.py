@@ -11,6 +11,7 @@ from benchmarks.gap_exam._signals import drawn
 from drivers.base.arrays import Array
 
 _ARCSEC = 1.0 / 3600.0
+_MOTIONS = ("trapezoid", "s_curve", "first_order")
 
 
 @dataclass(frozen=True)
@@ -54,10 +55,11 @@ class Lab:
     """The habits of a laboratory.
 
     `angle`: what its log has for the table: "resolver" in steps, "rate" read back in steps of 0.001 deg/s and
-    summed, "command". `motion`: how the table accelerates. `tail_deg`: how far it is from the end after a stop,
-    and creeps in `tail_s`. `cycle_deg`: amplitude of the servo's limit cycle. `output`: "rounded" to `word_dph`
-    or "counted" in arcsec with the rest carried on. `sampled`: points behind an anti-alias filter, not means.
-    `tick_s`: stamps stand on ticks. `rows_hz`: rows a second in runs of heat, of the table, at rest.
+    summed, "command": such a table keeps to its ramps. `motion`: how the table accelerates. `tail_deg`: how far
+    it is from the end after a stop, and creeps in `tail_s`. `cycle_deg`: amplitude of the servo's limit cycle.
+    `output`: "rounded" to `word_dph` or "counted" in arcsec with the rest carried on. `sampled`: points behind an
+    anti-alias filter, not means. `masks`: rows in and after moves are blank in runs of steps. `tick_s`: stamps
+    stand on ticks. `rows_hz`: rows a second in runs of heat, of the table, at rest.
     """
 
     inside: Thermometer
@@ -127,7 +129,7 @@ def draw_lab(unit: Unit) -> Lab:
         resolver_deg=some(0.8, 5.0, 15.0) * _ARCSEC,
         angle_late_s=some(0.4, 0.0, 1e-3),
         wrapped=bool(rng.uniform() < 0.5),
-        motion=str(rng.choice(("trapezoid", "s_curve", "first_order"))),
+        motion="trapezoid" if angle == "command" else str(rng.choice(_MOTIONS)),
         dps2=float(rng.uniform(8.0, 20.0)),
         smooth_s=float(rng.uniform(0.3, 1.0)),
         tail_deg=some(0.5, 1e-3, 4e-3),
@@ -139,7 +141,7 @@ def draw_lab(unit: Unit) -> Lab:
         sampled=bool(rng.uniform() < 0.4),
         lost=int(rng.integers(1, 5)) if rng.uniform() < 0.5 else 0,
         stale=int(rng.integers(1, 4)) if rng.uniform() < 0.3 else 0,
-        masks=bool(angle == "command" or rng.uniform() < 0.3),
+        masks=bool(rng.uniform() < 0.4),
         tick_s=tick_s,
         off_ppm=float(rng.uniform(-400.0, 400.0)) if tick_s == 0.001 and rng.uniform() < 0.5 else 0.0,
         rows_hz=rows_hz,
