@@ -26,8 +26,8 @@ SHEET = Sheet(
     slope_sigma_dph=12.0,
     turn_on_sigma_dph=2.0,
 )
-_LEAK = 0.25 * (1.0 - 1.0 / math.sqrt(3.0))
-"""Share of white noise that a filter two rows wide passes to either neighbour, so that one in six is shared."""
+_LEAK = 0.05
+"""Share of white noise that the filter of points passes to either neighbour."""
 _LIMIT_DPH = 3600.0 * 250.0
 
 

@@ -26,9 +26,11 @@ HEAT_S = 2.0
 """Step of the heat's integration."""
 SETTLES_S = 15.0
 """What a lab that blanks moves waits after them."""
-_QUARTERS = (-0.375, -0.125, 0.125, 0.375)
+FILTER_ROWS = 1.0 / math.sqrt(2.0)
+"""Half width of the triangular filter in rows: its variance is that of a mean over a row."""
+_EIGHTHS = tuple((k - 3.5) / 8.0 for k in range(8))
 _TOP_DPS = 40.0
-_COARSE, _FINE = (0.1, 1), (0.05, 1)
+_COARSE, _MIDDLE, _FINE = (0.1, 1), (0.025, 1), (0.0125, 1)
 _ROWS = {"RT": 1, "RC": 1, "RH": 1, "MX": 1, "ST": 2, "SL": 2, "TU": 2, "HE": 2}
 """Which of a lab's rates of rows a sort has; the first where it is not here."""
 
@@ -50,16 +52,22 @@ class Recorded(Stage):
     @property
     def filtered(self) -> bool:
         """Whether rows are points behind a filter: slow rows are always means."""
-        return self.habits.sampled and float(np.median(np.diff(self.edges_s))) < 0.25
+        return self.habits.sampled and float(np.median(np.diff(self.edges_s))) < 0.15
 
     def in_rows(self, signal: Array) -> Array:
-        """Return means over rows, or points at their middles behind a triangular filter two rows wide, (n,)."""
+        """Return means over rows, or points at their middles behind a triangular filter, (n,)."""
         if not self.filtered:
             return super().in_rows(signal)
-        apart_s = float(np.median(np.diff(self.edges_s)))
-        return np.asarray(
-            np.mean([self._means(signal, self.edges_s + q * apart_s) for q in _QUARTERS], axis=0)
-        )
+        wide_s = FILTER_ROWS * float(np.median(np.diff(self.edges_s)))
+        middles = 0.5 * (self.edges_s[1:] + self.edges_s[:-1])
+        sums = np.concatenate(([0.0], np.cumsum(signal) * self.step_s))
+        grid = np.arange(self.steps + 1) * self.step_s
+
+        def mean_about(at_s: Array) -> Array:
+            ends = [np.interp(at_s + half * wide_s, grid, sums) for half in (-0.5, 0.5)]
+            return np.asarray((ends[1] - ends[0]) / wide_s)
+
+        return np.asarray(np.mean([mean_about(middles + q * wide_s) for q in _EIGHTHS], axis=0))
 
 
 # heat ---------------------------------------------------------------------------------------------------------
@@ -259,7 +267,7 @@ def recorded(unit: Unit, lab: Lab, sort: Sort, repeat: int, number: int) -> Reco
 
 
 def _sweep(minutes: float) -> Callable[[], Rates]:
-    return lambda: to_and_fro(120.0, 60.0 * minutes - 120.0, 20.0, 720.0)
+    return lambda: to_and_fro(120.0, 60.0 * minutes - 120.0, 10.0, 360.0)
 
 
 def sorts(lab: Lab, rng: np.random.Generator) -> list[Sort]:
@@ -308,15 +316,15 @@ def sorts(lab: Lab, rng: np.random.Generator) -> list[Sort]:
         rates_at("RH", "hot", hot, 2),
         Sort(
             "SL", "slow", "room", slow_min, [(0.0, room)], often("SL", 2),
-            turns=lambda: stepwise(slow, 60.0, 2.0 * dwell, 20.0), grid=_COARSE,
+            turns=lambda: stepwise(slow, 60.0, 2.0 * dwell, 20.0), grid=_MIDDLE,
         ),
         Sort(
             "TU", "tumble", "room", 14.0 * place / 60.0, [(0.0, room)], often("TU", 2),
-            elevation=tumble, start_deg=90.0 * int(rng.integers(4)), grid=_COARSE,
+            elevation=tumble, start_deg=90.0 * int(rng.integers(4)), grid=_MIDDLE,
         ),
         Sort(
             "HE", "headings", "level", 9.0 * (place + 5.0) / 60.0 + 1.0, [(0.0, room)], 2,
-            turns=lambda: indexed(8, 0.0, place, 45.0), elevation=((0.0, 0.0),), grid=_COARSE,
+            turns=lambda: indexed(8, 0.0, place, 45.0), elevation=((0.0, 0.0),), grid=_MIDDLE,
         ),
         Sort(
             "TR", "turned ramp", "up", turned, [(0.0, cold), (10.0, cold), (0.8 * turned, hot)], 2,

@@ -179,12 +179,16 @@ def test_moves_of_a_lab_that_logs_commands_are_blank_and_steady_rates_are_not():
 
 
 def test_points_behind_the_filter_are_not_late_and_lose_what_a_triangle_loses(unit):
-    stage = run(lab_with(unit, sampled=True), turned(0.0, 12000, 0.025), rows_s=0.2, step_s=0.025)
+    stage = run(lab_with(unit, sampled=True), turned(0.0, 12000, 0.025), rows_s=0.1, step_s=0.025)
     middle = 0.5 * (stage.edges_s[1:] + stage.edges_s[:-1])
     np.testing.assert_allclose(stage.in_rows(3.0 * stage.time_s), 3.0 * middle, atol=1e-9)
     wave = stage.in_rows(np.sin(2.0 * math.pi * stage.time_s))
-    expected = np.sinc(0.2) ** 2 * np.sin(2.0 * math.pi * middle)
+    expected = np.sinc(0.1 * bench.FILTER_ROWS) ** 2 * np.sin(2.0 * math.pi * middle)
     np.testing.assert_allclose(wave, expected, atol=0.01)
+    # a ramp of 20 deg/s2 is summed to its angle within some arcsec
+    ramp = np.interp(stage.time_s, (100.03, 104.11), (0.0, 80.0))
+    means = super(bench.Recorded, stage).in_rows(ramp)
+    assert abs(np.sum(stage.in_rows(ramp) - means)) * 0.1 < 8.0 / 3600.0
 
 
 def test_words_and_counts_are_whole_and_a_count_loses_no_angle(unit):
@@ -275,6 +279,24 @@ def test_a_campaign_has_at_most_27_runs_and_a_profile_never_shown(stages):
         assert np.median(np.diff(stage.edges_s)) >= stage.step_s - 2e-3
         assert stage.edges_s[-1] < stage.steps * stage.step_s
         assert stage.kept.mean() > 0.99
+
+
+def test_a_perfect_gyro_differs_from_its_table_by_noise_alone_in_every_laboratory():
+    apart = []
+    for seed in range(6):
+        made = draw_unit(RECORDERS, seed, {})
+        stage = next(stage for stage in RECORDERS.campaign(made) if stage.code == "RT")
+        true = stage.in_rows(sensed_dph(stage, LATITUDE_DEG))
+        output = rows(made, stage, true, drawn(seed, "log"))
+        read = bench.read_angle_deg(stage)
+        told = 3600.0 * np.diff(np.unwrap(read, period=360.0)) / np.diff(stage.edges_s)
+        left = np.where(stage.valid, output - told, 0.0)[20:]
+        whole = max(round(4.0 / np.median(np.diff(stage.edges_s))), 1)
+        means = left[: len(left) // whole * whole].reshape(-1, whole).mean(axis=1)
+        steady = np.abs(means - np.median(means))
+        assert np.median(steady) < 2.0 * 0.6745 * 60.0 * SHEET.arw_deg_per_sqrt_h / 2.0
+        apart.append(stage.habits)
+    assert len({(lab.angle, lab.motion, lab.output, lab.rows_hz) for lab in apart}) > 3
 
 
 def test_a_case_made_twice_is_the_same(tmp_path):
