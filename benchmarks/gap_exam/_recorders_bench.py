@@ -182,8 +182,7 @@ def read_angle_deg(stage: Recorded) -> Array:
         rate = 1e-3 * np.round(np.diff(true) / gaps / 1e-3)
         angle = true[0] + np.concatenate(([0.0], np.cumsum(rate * gaps)))
     else:
-        grid = np.arange(stage.steps + 1) * stage.step_s
-        angle = np.interp(stage.edges_s - lab.angle_late_s, grid, stage.angle_deg)
+        angle = stage.at_edges(stage.angle_deg)
         if lab.resolver_deg:
             angle = lab.resolver_deg * np.round(angle / lab.resolver_deg)
     return np.asarray(np.mod(angle, 360.0) if lab.wrapped else angle)

@@ -66,7 +66,6 @@ class Lab:
     outside: Thermometer
     angle: str
     resolver_deg: float
-    angle_late_s: float
     wrapped: bool
     motion: str
     dps2: float
@@ -127,7 +126,6 @@ def draw_lab(unit: Unit) -> Lab:
         outside=_thermometer(rng),
         angle=angle,
         resolver_deg=some(0.8, 5.0, 15.0) * _ARCSEC,
-        angle_late_s=some(0.4, 0.0, 1e-3),
         wrapped=bool(rng.uniform() < 0.5),
         motion="trapezoid" if angle == "command" else str(rng.choice(_MOTIONS)),
         dps2=float(rng.uniform(8.0, 20.0)),

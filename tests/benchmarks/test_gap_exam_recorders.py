@@ -31,7 +31,7 @@ def stages(unit):
 
 def lab_with(unit, **habits) -> Lab:
     tidy = {
-        "inside": PLAIN, "outside": PLAIN, "angle": "resolver", "resolver_deg": 0.0, "angle_late_s": 0.0,
+        "inside": PLAIN, "outside": PLAIN, "angle": "resolver", "resolver_deg": 0.0,
         "wrapped": False, "motion": "trapezoid", "tail_deg": 0.0, "cycle_deg": 0.0, "output": "rounded",
         "word_dph": 1e-3, "sampled": False, "lost": 0, "stale": 0, "tick_s": 0.0, "off_ppm": 0.0,
     }  # fmt: skip
@@ -142,10 +142,6 @@ def test_what_is_read_for_the_angle_has_the_steps_of_its_reading(unit):
     np.testing.assert_allclose(np.diff(bench.read_angle_deg(stage)) / 0.5, 0.012, atol=1e-12)
     told = replace(run(lab_with(unit, angle="command"), true), told_deg=turned(0.01))
     np.testing.assert_allclose(np.diff(bench.read_angle_deg(told)) / 0.5, 0.01, atol=1e-12)
-    late = bench.read_angle_deg(run(lab_with(unit, angle_late_s=1e-3), turned(40.0)))
-    np.testing.assert_allclose(
-        late - run(lab_with(unit), turned(40.0)).at_edges(turned(40.0)), -0.04, atol=1e-9
-    )
     whole = bench.read_angle_deg(run(lab_with(unit), turned(40.0)))
     wrapped = bench.read_angle_deg(run(lab_with(unit, wrapped=True), turned(40.0)))
     assert wrapped.max() < 360.0

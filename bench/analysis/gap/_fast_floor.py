@@ -48,11 +48,13 @@ class FastFloor:
 
     def density(self, frequency_hz: Array, row_s: float) -> Array:
         """Return the one-sided power density, (deg/h)^2/Hz, (m,)."""
-        white = density_of(Noise(self.arw_deg_per_sqrt_h), frequency_hz, row_s)
-        angle = density_of(
-            Noise(0.0, quantum_arcsec=math.sqrt(12.0) * self.angle_arcsec), frequency_hz, row_s
-        )
-        return white * self._gain(frequency_hz, row_s) + angle
+        return self.over(frequency_hz, row_s, _of_one_unit(frequency_hz, row_s))
+
+    def over(self, frequency_hz: Array, row_s: float, of_one_unit: tuple[Array, Array]) -> Array:
+        """Return the density from those of 1 deg/sqrt(h) and 1 arcsec at the same frequencies."""
+        white, angle = of_one_unit
+        formed = self.arw_deg_per_sqrt_h**2 * white * self._gain(frequency_hz, row_s)
+        return np.asarray(formed + self.angle_arcsec**2 * angle)
 
     def _gain(self, frequency_hz: Array, row_s: float) -> Array:
         if not math.isnan(self.damping):
@@ -99,6 +101,12 @@ def density_of(noise: Noise, frequency_hz: Array, row_s: float) -> Array:
     return np.asarray(2.0 * row_s * spectrum(noise, 2.0 * row_s * frequency_hz, row_s))
 
 
+def _of_one_unit(frequency_hz: Array, row_s: float) -> tuple[Array, Array]:
+    """Return the densities of 1 deg/sqrt(h) and of 1 arcsec of white angle noise, (m,) each."""
+    arcsec = Noise(0.0, quantum_arcsec=math.sqrt(12.0))
+    return density_of(Noise(1.0), frequency_hz, row_s), density_of(arcsec, frequency_hz, row_s)
+
+
 def fast_floor(
     frequency_hz: Array, density: Array, freedom: float, row_s: float, model_arw: float
 ) -> FastFloor:
@@ -110,15 +118,16 @@ def fast_floor(
     sigma = np.sqrt(0.5 * math.pi * (2.0 / freedom) / bins + _FORM_SIGMA**2)
     level = np.maximum(level, _DEEPEST * level.max())
     arw = math.log(math.sqrt(float(np.median(level[: max(len(level) // 4, 1)])) / 7200.0))
-    per_arcsec = float(density_of(Noise(0.0, quantum_arcsec=math.sqrt(12.0)), nodes_hz[-1:], row_s)[0])
+    of_one_unit = _of_one_unit(nodes_hz, row_s)
     top_hz = 0.5 / row_s
-    angle = math.log(math.sqrt(float(level[-1]) / per_arcsec))
+    angle = math.log(math.sqrt(float(level[-1] / of_one_unit[1][-1])))
     best: tuple[float, FastFloor] | None = None
     for form, start in _starts(arw, angle, top_hz):
         low, high = _bounds(form, start, top_hz)
 
         def off(at: Array, form: str = form) -> Array:
-            return np.asarray(np.log(level / _floor(form, at, model_arw).density(nodes_hz, row_s)) / sigma)
+            formed = _floor(form, at, model_arw).over(nodes_hz, row_s, of_one_unit)
+            return np.asarray(np.log(level / formed) / sigma)
 
         found = least_squares(
             off, np.clip(start, low + 1e-6, high - 1e-6), bounds=(low, high), loss="soft_l1"

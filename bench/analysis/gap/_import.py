@@ -119,18 +119,18 @@ def _of_axis(log: Log, mapping: Mapping, axis: str, where: str) -> Log:
 def _steps(log: Log, held: NDArray[np.bool_]) -> tuple[Steps, Array | None]:
     """Return the steps that rows are averaged in, and the table's angle at the rows, bridged; None if unknown."""
     rows = log.columns["output"]
-    use, time_s = ~np.isnan(rows) & ~held, log.time_s - log.time_s[0]
+    use, time_s, stamped = ~np.isnan(rows) & ~held, log.time_s - log.time_s[0], False
     turned_deg = log.columns.get("angle")
     if turned_deg is not None:
         # without the angle at both ends of a row nobody knows how far the table turned in it
         known = ~np.isnan(turned_deg)
         use &= known & np.append(True, known[:-1])
         turned_deg = interpolated(turned_deg)
-        time_s = true_times(time_s, np.where(use, rows, np.nan), turned_deg)
+        time_s, stamped = true_times(time_s, np.where(use, rows, np.nan), turned_deg)
     least_s = 1.0
     if time_s[-1] < SHORTEST and len(time_s) >= 2 * SHORTEST:  # a short log: steps of so many rows are enough
         least_s = float(np.median(np.diff(time_s))) * (len(time_s) // (2 * SHORTEST))
-    return Steps.of(time_s, use, least_s), turned_deg
+    return Steps.of(time_s, use, least_s, stamped=stamped), turned_deg
 
 
 def _stimulus(

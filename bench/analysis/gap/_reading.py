@@ -15,6 +15,16 @@ _CHANGES = 8.0
 """A change of rate from sample to sample that many times the median one begins another dwell."""
 _SHORTEST = 32
 """Samples of a dwell from which the scatter about its line is judged."""
+_FEWEST = 8
+"""Samples of a dwell that a reading in steps tells from another rate."""
+_ONE_STEP, _OF_A_STEP = 1.5, 0.75
+"""Steps of the reading by which its rate changes from sample to sample, and it is beside its line, at most."""
+_SMALLEST, _SMALL, _FUZZ = 0.05, 3.5, 0.02
+"""Part of the changes that are less than a step, steps of a small one, and the part of a step that is none."""
+_COARSEST_DEG = 0.1
+"""A change of angle from sample to sample that no step of a reading makes: 12 bits a turn are 0.09 deg."""
+_MOST = 0.9
+"""Part of the samples that turn by whole steps, and of the small changes that are one step: with noise, more."""
 _WHITE = 1.5
 """Largest scatter about a line against what second differences say of it: more is a table that moves."""
 _BLOCK = 16
@@ -84,17 +94,60 @@ def without_reading_noise(runs: Sequence[GapRun]) -> tuple[list[GapRun], list[st
 
 def _dwells(number: int, run: GapRun) -> Iterator[_Dwell]:
     """Yield the stretches of a run in which its angle does nothing but scatter, white, about a line."""
-    s = run.stimulus
-    change = np.abs(np.diff(s.table_rate_dps))
-    ends = np.flatnonzero(change > _CHANGES * np.median(change)) + 1
-    for start, stop in zip([0, *ends.tolist()], [*ends.tolist(), len(s)], strict=True):
-        if stop - start < _SHORTEST:
-            continue
+    angle = run.stimulus.angle_deg
+    step = _step_deg(angle)
+    change = np.abs(np.diff(angle, 2))
+    largest = _ONE_STEP * step if step else _CHANGES * float(np.median(change))
+    ends = np.flatnonzero(change > largest) + 1
+    for start, stop in zip([0, *ends.tolist()], [*ends.tolist(), len(angle) - 1], strict=True):
         edges = slice(start, stop + 1)
-        angle = s.angle_deg[edges]
-        line = _line(angle)
-        if line is not None:
-            yield _Dwell(number, edges, line, angle - line)
+        if step:
+            edges = _within_a_step(angle, edges, step)
+        if edges.stop - edges.start <= (_FEWEST if step else _SHORTEST):
+            continue
+        line = _fitted(angle[edges]) if step else _line(angle[edges])
+        if line is not None and float(np.ptp(angle[edges] - line)) > _ROUNDED_DEG:
+            yield _Dwell(number, edges, line, angle[edges] - line)
+
+
+def _step_deg(angle_deg: Array) -> float:
+    """Return the step in which an angle (m + 1,) is read, deg, where no noise beside it is seen; 0 for none.
+
+    A resolver's code: at an even rate it turns by so many steps or one more, in a pattern that repeats.
+    """
+    turned = np.diff(angle_deg)
+    change = np.abs(np.diff(turned))
+    change = change[(change > _ROUNDED_DEG) & (change < _COARSEST_DEG)]
+    if len(change) < _SHORTEST:
+        return 0.0
+    step = float(np.quantile(change, _SMALLEST, method="inverted_cdf"))
+    step = float(change[np.abs(change - step) < _FUZZ * step].mean())
+    off = np.abs(turned / step - np.rint(turned / step))
+    small = change[change < _SMALL * step]
+    whole = float(np.mean(off < _FUZZ)), float(np.mean(small < _ONE_STEP * step))
+    return step if min(whole) >= _MOST else 0.0
+
+
+def _within_a_step(angle_deg: Array, edges: slice, step_deg: float) -> slice:
+    """Return the part of a stretch where an angle is within its step of a line: no creep after a move."""
+    while edges.stop - edges.start > _FEWEST:
+        own = angle_deg[edges]
+        beside = np.abs(own - _fitted(own))
+        worst = int(np.argmax(beside))
+        if beside[worst] <= _OF_A_STEP * step_deg:
+            break
+        if 2 * worst < len(own):
+            edges = slice(edges.start + worst + 1, edges.stop)
+        else:
+            edges = slice(edges.start, edges.start + worst)
+    return edges
+
+
+def _fitted(angle_deg: Array) -> Array:
+    """Return the line of least squares through an angle (m + 1,)."""
+    place = np.arange(len(angle_deg)) - 0.5 * (len(angle_deg) - 1)
+    slope = float((place * angle_deg).sum()) / float((place * place).sum())
+    return np.asarray(angle_deg.mean() + place * slope)
 
 
 def _line(angle_deg: Array) -> Array | None:
@@ -103,10 +156,9 @@ def _line(angle_deg: Array) -> Array | None:
     spread = float(np.std(rate))
     if spread < _ROUNDED_DEG:
         return None
-    place = np.arange(len(angle_deg)) - 0.5 * len(rate)
-    line = angle_deg.mean() + place * float(place @ angle_deg) / float(place @ place)
+    line = _fitted(angle_deg)
     if float(np.std(angle_deg - line)) <= _WHITE * float(np.std(np.diff(rate))) / math.sqrt(6.0):
-        return np.asarray(line)
+        return line
     blocks = rate[: len(rate) // _BLOCK * _BLOCK].reshape(-1, _BLOCK).mean(axis=1)
     if len(blocks) < _FEWEST_BLOCKS or float(np.std(blocks)) > _WHITE * spread / math.sqrt(_BLOCK):
         return None

@@ -19,8 +19,8 @@ _FINEST = 6
 """Digits of a second down to which stamps are rounded; a double holds the time of a year no finer."""
 _ROUNDED = 0.75
 """Times the last digit of the stamps by which even rows may be off their grid."""
-_ENOUGH, _BESIDE_GRID, _FAR_BETTER = 16, 0.4, 0.7
-"""Rows that say whether stamps are true, how far off a grid even ones are, how much less scatter tells."""
+_ENOUGH, _BESIDE_GRID, _FAR_BETTER = 16, 0.4, 6.0
+"""Rows that say whether stamps are true, how far off a grid even ones are, standard deviations that tell."""
 _MASKED, _STEADY = 3, 0.003
 """Steps of a masked move; part of a rate by which it may change from step to step and be steady."""
 _HALF = 0.6
@@ -51,18 +51,24 @@ class Steps:
     period_s: float
 
     @classmethod
-    def of(cls, time_s: Array, use: NDArray[np.bool_], least_s: float = 1.0) -> Steps:
-        """Return steps of as many whole rows as make up `least_s` or more."""
+    def of(
+        cls, time_s: Array, use: NDArray[np.bool_], least_s: float = 1.0, *, stamped: bool = False
+    ) -> Steps:
+        """Return steps of as many whole rows as make up `least_s` or more.
+
+        Rows that are on an even grid but for rounded stamps are put on it, unless stamps are known to be true.
+        """
         odd = _odd(time_s)
-        time_s, even = _evened(time_s, odd)
-        apart = np.diff(time_s)
+        grid_s, even = _evened(time_s, odd)
+        apart = np.diff(grid_s)
         usual_s = float(np.median(apart)) if len(apart) else 1.0
         pause = np.concatenate(([False], (apart > _PAUSE * usual_s) | odd))
         if len(apart):
             # their mean, in which jitter of time stamps cancels: runs of one rate have one period
             usual_s = float(apart[~pause[1:]].mean())
         period_s = round(usual_s * max(math.ceil(least_s / usual_s - 0.05), 1), _FINEST if even else 3)
-        covers = np.concatenate(([0.0], np.where(pause[1:], usual_s, apart)))
+        time_s = time_s if stamped else grid_s
+        covers = np.concatenate(([0.0], np.where(pause[1:], usual_s, np.diff(time_s))))
         count = math.floor((time_s[-1] + _INSTANT_S + _UNCOVERED * usual_s) / period_s)
         owner = np.floor((time_s - 0.5 * covers) / period_s).astype(np.int64)
         owner[(owner >= count) | (covers == 0.0)] = -1
@@ -131,25 +137,30 @@ class Steps:
         return angle, rate
 
 
-def true_times(time_s: Array, rate_dps: Array, angle_deg: Array) -> Array:
-    """Return the times of rows (m,) as stamped, or on an even grid where that fits what the gyro saw far better.
+def true_times(time_s: Array, rate_dps: Array, angle_deg: Array) -> tuple[Array, bool]:
+    """Return the times of rows (m,), as stamped or on an even grid, and whether the stamps are known to be true.
 
-    Stamps of a logger that reads an even stream when it has time are uneven; those of one that polls are true.
-    `rate_dps` is the output, NaN where it is missing, `angle_deg` the table's angle at the stamps.
+    Stamps of a logger that reads an even stream when it has time are uneven; those of one that polls are true,
+    even on the ticks of its clock. What the gyro saw where the table turned decides: `rate_dps` is the output,
+    NaN where it is missing, `angle_deg` the table's angle at the stamps. Where it cannot, the stamps stay.
     """
     apart = np.diff(time_s)
     if len(apart) < _ENOUGH or not (apart > 0.0).all():
-        return time_s
+        return time_s, False
     odd = _odd(time_s)
     grid_s = _grid(time_s, odd)
     if not 0.0 < np.abs(grid_s - time_s).max() < _BESIDE_GRID * np.median(apart):
-        return time_s
+        return time_s, False
 
-    def scatter(times_s: Array) -> float:
+    def scatter(times_s: Array) -> Array:
         rest = np.where(odd, np.nan, rate_dps[1:] - np.diff(angle_deg) / np.diff(times_s))
-        return float(np.nanmean(np.abs(np.diff(rest))))
+        return np.abs(np.diff(rest))
 
-    return grid_s if scatter(grid_s) < _FAR_BETTER * scatter(time_s) else time_s
+    better = scatter(grid_s) - scatter(time_s)
+    better = better[~np.isnan(better)]
+    sigma = math.sqrt(float((better**2).sum()))
+    told = float(better.sum()) / sigma if sigma > 0.0 else 0.0
+    return (grid_s if told < -_FAR_BETTER else time_s), told > _FAR_BETTER
 
 
 def _odd(time_s: Array) -> NDArray[np.bool_]:

@@ -10,7 +10,7 @@ import pytest
 from bench.analysis.gap import Model, diagnose
 from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._rate import RateSignal
-from bench.analysis.gap._reading import without_reading_noise
+from bench.analysis.gap._reading import _step_deg, without_reading_noise
 from simulators.effects import Stimulus
 from tests.analysis.gap.conftest import made_run, stimulus
 
@@ -81,6 +81,64 @@ def test_a_gyro_across_the_tables_axis_decides_nothing() -> None:
     lying = replace(lying, stimulus=_read(lying.stimulus, 2))
     (kept,), notes = without_reading_noise([lying])
     assert kept is lying and notes == []
+
+
+STEP_DEG = 11.0 / 3600.0
+"""Of a resolver's code: up to 11 deg/h in the rate of a sample of 1 s."""
+
+
+def _swept(number: int, ripple_deg: float = 0.0) -> tuple[GapRun, np.ndarray]:
+    """Turns to and fro of 36 s at 10 deg/s, read in codes, and the true angle; a ripple of 4 s is the table's."""
+    way_s = np.arange(3601.0) % 72.0
+    true = 10.0 + 10.0 * np.where(way_s < 36.0, way_s, 72.0 - way_s) + 1e-3 * number
+    true = true + ripple_deg * np.sin(0.5 * np.pi * np.arange(3601.0) + number)
+    made = made_run(
+        f"sweep {number}", replace(stimulus(3600, cold=False), angle_deg=true), np.random.default_rng(number)
+    )
+    read = STEP_DEG * np.round(true / STEP_DEG)
+    return replace(made, stimulus=replace(made.stimulus, angle_deg=read)), true
+
+
+def test_a_resolvers_code_is_no_rate_however_short_the_turns_are() -> None:
+    """At an even rate codes come in a pattern: a line of several deg/h in what is asked of the gyro."""
+    (run, true), (other, _) = _swept(1), _swept(2)
+    even, notes = without_reading_noise([run, other])
+    assert len(notes) == 1 and "evenly" in notes[0]
+    off_dph = 3600.0 * (even[0].stimulus.table_rate_dps - np.diff(true))
+    inside = np.abs(np.diff(true)) > 9.9
+    assert 3600.0 * np.std(run.stimulus.table_rate_dps[inside] - np.diff(true)[inside]) > 4.0
+    assert np.std(off_dph[inside]) < 0.5
+
+
+def test_what_a_resolver_hardly_reads_is_the_tables_if_the_gyro_follows_it() -> None:
+    run, _ = _swept(1, ripple_deg=1.3 * STEP_DEG)
+    (kept,), notes = without_reading_noise([run])
+    assert kept is run and notes == []
+
+
+def test_creep_after_a_move_is_cut_off_what_a_resolver_calls_even() -> None:
+    creep_deg = 4.0 * STEP_DEG * np.exp(-(np.arange(3601.0) % 72.0) / 8.0)
+    run, true = _swept(3)
+    true = true - creep_deg
+    made = made_run("creeps", replace(run.stimulus, angle_deg=true), np.random.default_rng(4))
+    read = replace(made.stimulus, angle_deg=STEP_DEG * np.round(true / STEP_DEG))
+    (even,), notes = without_reading_noise([replace(made, stimulus=read)])
+    assert notes
+    assert np.abs(even.stimulus.angle_deg - true).max() < 1.3 * STEP_DEG
+
+
+def test_steps_of_a_reading_are_told_from_noise_on_a_grid_and_from_a_table_that_indexes() -> None:
+    true = 10.0 + 0.0123 * np.arange(2000.0)
+    noise = np.random.default_rng(6).normal(size=2000)
+    assert _step_deg(STEP_DEG * np.round(true / STEP_DEG)) == pytest.approx(STEP_DEG)
+    # a text of four digits, and noise as large as its last one: at one rate it turns by two digits more, or three
+    assert _step_deg(np.round(true + 1e-4 * noise, 4)) == 0.0
+    assert _step_deg(true) == 0.0 and _step_deg(true + 1e-4 * noise) == 0.0
+    indexed = np.repeat(90.0 * np.arange(100.0), 20)
+    assert _step_deg(indexed) == 0.0 and _step_deg(1e-4 * indexed[:100]) == 0.0
+    moves = np.where(np.arange(2000) % 100 < 90, 0.0, 3.0 + 0.1 * noise)
+    moved = true + np.cumsum(moves)
+    assert _step_deg(STEP_DEG * np.round(moved / STEP_DEG)) == pytest.approx(STEP_DEG)
 
 
 def test_a_tachometer_that_scatters_is_no_rate_and_its_integral_leaves_no_step() -> None:

@@ -168,16 +168,35 @@ def test_stamps_are_true_unless_an_even_grid_fits_what_the_gyro_saw_far_better(t
     # the table's angle is that at the reading, whatever the stamp says
     rate = np.concatenate(([0.0], np.diff(angle(own)) / np.diff(own))) + rng.normal(0.0, 0.003, n)
     rate[50] = np.nan
-    found = true_times(stamps, rate, angle(own))
+    found, known = true_times(stamps, rate, angle(own))
+    assert known is (true == "stamps")
     if true == "stamps":
         assert found is stamps
     else:
         assert np.diff(found) == pytest.approx(np.full(n - 1, 0.1), abs=2e-4)
-        assert true_times(stamps[:16], rate[:16], angle(own)[:16]) is not found[:16]
-        assert true_times(stamps[:16], rate[:16], angle(own)[:16]).tolist() == stamps[:16].tolist()
-        far = grid + rng.uniform(-0.2, 0.2, n)
-        assert true_times(np.sort(far), rate, angle(own)).tolist() == np.sort(far).tolist()
-        assert true_times(grid, rate, angle(own)) is grid
+        few, known = true_times(stamps[:16], rate[:16], angle(own)[:16])
+        assert few.tolist() == stamps[:16].tolist() and not known
+        far = np.sort(grid + rng.uniform(-0.2, 0.2, n))
+        assert true_times(far, rate, angle(own)) == (far, False)
+        assert true_times(grid, rate, angle(own)) == (grid, False)
+
+
+@pytest.mark.parametrize("ticks", ["true", "rounded", "standing"])
+def test_stamps_on_ticks_are_true_where_the_table_turned_as_far_as_they_say(ticks):
+    """Rows of 100.0266 ms on ticks of 1 ms at 40 deg/s: a tick is 0.04 deg, and 144 deg/h in ten rows."""
+    n = 3000
+    even = 0.1000266 * np.arange(1.0, n + 1.0)
+    stamps = np.round(even, 3)
+    own = stamps if ticks == "true" else even
+    angle = 0.0 * own if ticks == "standing" else 40.0 * own
+    rate = angle[-1] / own[-1] + np.random.default_rng(2).normal(0.0, 47.0 / 3600.0, n)
+    times, known = true_times(stamps, rate, angle)
+    assert known is (ticks == "true") and (times is stamps) is (ticks != "rounded")
+    steps = Steps.of(times - times[0], np.ones(n, dtype=bool), stamped=known)
+    assert steps.period_s == pytest.approx(1.000266, abs=2e-6)
+    turned, _ = steps.angles(angle)
+    speeds = np.diff(turned)[1:-1] / steps.period_s
+    assert speeds == pytest.approx(np.full(len(speeds), 0.0 if ticks == "standing" else 40.0), abs=1e-4)
 
 
 def test_rows_of_a_logger_that_holds_are_told_from_those_that_are_equal_by_chance():
