@@ -23,8 +23,8 @@ _SMALLEST, _SMALL, _FUZZ = 0.05, 3.5, 0.02
 """Part of the changes that are less than a step, steps of a small one, and the part of a step that is none."""
 _COARSEST_DEG = 0.1
 """A change of angle from sample to sample that no step of a reading makes: 12 bits a turn are 0.09 deg."""
-_MOST = 0.9
-"""Part of the samples that turn by whole steps, and of the small changes that are one step: with noise, more."""
+_WHOLE, _SINGLE = 0.9, 0.75
+"""Part of the samples that turn by whole steps, and of the small changes that are one step: noise makes more."""
 _WHITE = 1.5
 """Largest scatter about a line against what second differences say of it: more is a table that moves."""
 _BLOCK = 16
@@ -124,8 +124,8 @@ def _step_deg(angle_deg: Array) -> float:
     step = float(change[np.abs(change - step) < _FUZZ * step].mean())
     off = np.abs(turned / step - np.rint(turned / step))
     small = change[change < _SMALL * step]
-    whole = float(np.mean(off < _FUZZ)), float(np.mean(small < _ONE_STEP * step))
-    return step if min(whole) >= _MOST else 0.0
+    read = np.mean(off < _FUZZ) >= _WHOLE and np.mean(small < _ONE_STEP * step) >= _SINGLE
+    return step if read else 0.0
 
 
 def _within_a_step(angle_deg: Array, edges: slice, step_deg: float) -> slice:

@@ -19,8 +19,10 @@ _FINEST = 6
 """Digits of a second down to which stamps are rounded; a double holds the time of a year no finer."""
 _ROUNDED = 0.75
 """Times the last digit of the stamps by which even rows may be off their grid."""
-_ENOUGH, _BESIDE_GRID, _FAR_BETTER = 16, 0.4, 6.0
-"""Rows that say whether stamps are true, how far off a grid even ones are, standard deviations that tell."""
+_ENOUGH, _BESIDE_GRID = 16, 0.4
+"""Rows that say whether stamps are true, and how far off a grid even ones are, in steps."""
+_OUTLYING, _FAR_BETTER, _OFTEN = 6.0, 12.0, 2.0
+"""Scatter of a row that neither explains; log likelihood, and standard deviations of its sum, that tell."""
 _MASKED, _STEADY = 3, 0.003
 """Steps of a masked move; part of a rate by which it may change from step to step and be steady."""
 _HALF = 0.6
@@ -156,11 +158,17 @@ def true_times(time_s: Array, rate_dps: Array, angle_deg: Array) -> tuple[Array,
         rest = np.where(odd, np.nan, rate_dps[1:] - np.diff(angle_deg) / np.diff(times_s))
         return np.abs(np.diff(rest))
 
-    better = scatter(grid_s) - scatter(time_s)
-    better = better[~np.isnan(better)]
-    sigma = math.sqrt(float((better**2).sum()))
-    told = float(better.sum()) / sigma if sigma > 0.0 else 0.0
-    return (grid_s if told < -_FAR_BETTER else time_s), told > _FAR_BETTER
+    even, stamped = scatter(grid_s), scatter(time_s)
+    if np.isnan(even).all():
+        return time_s, False
+    usual = float(min(np.nanmedian(even), np.nanmedian(stamped)))
+    # neither explains a move that comes late, or an impulse
+    better = (even - stamped)[np.fmin(even, stamped) < _OUTLYING * usual]
+    size = math.sqrt(float((better**2).sum()))
+    often = float(better.sum()) / size if size > 0.0 else 0.0
+    if abs(often) < _OFTEN or abs(float(better.sum())) < _FAR_BETTER * usual:
+        return time_s, False
+    return (time_s, True) if often > 0.0 else (grid_s, False)
 
 
 def _odd(time_s: Array) -> NDArray[np.bool_]:

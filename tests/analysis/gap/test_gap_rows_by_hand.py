@@ -199,6 +199,37 @@ def test_stamps_on_ticks_are_true_where_the_table_turned_as_far_as_they_say(tick
     assert speeds == pytest.approx(np.full(len(speeds), 0.0 if ticks == "standing" else 40.0), abs=1e-4)
 
 
+def _ticked(ppm, seconds=60.0, dps=40.0):
+    """Stamps of rows of 200 ms and some ppm on ticks of 1 ms, what is even, and the gyro's noise, deg/s."""
+    even = 0.2 * (1.0 + 1e-6 * ppm) * np.arange(1.0, 5.0 * seconds + 1.0)
+    noise = np.random.default_rng(3).normal(0.0, 33.0 / 3600.0, len(even))
+    return np.round(even, 3), even, dps + noise
+
+
+def test_a_few_ticks_tell_where_the_table_turns_fast_and_one_does_not():
+    stamps, even, rate = _ticked(31.0, seconds=200.0)
+    assert (np.diff(stamps) > 0.2005).sum() == 6
+    assert true_times(stamps, rate, 40.0 * stamps) == (stamps, True)
+    found, known = true_times(stamps, rate, 40.0 * even)
+    assert not known and found is not stamps
+    once, even, rate = _ticked(31.0, seconds=40.0)
+    assert (np.diff(once) > 0.2005).sum() == 1
+    assert true_times(once, rate, 40.0 * once) == (once, False)
+
+
+def test_what_neither_reading_of_the_stamps_explains_decides_nothing():
+    """Moves that the gyro sees a row late, at every tick: each alone would be far more than the noise."""
+    stamps, _, rate = _ticked(150.0, seconds=300.0, dps=0.0)
+    ticks = np.flatnonzero(np.diff(stamps) > 0.2005)
+    turned = np.zeros(len(stamps))
+    turned[ticks + 1] = 5.0
+    late = rate.copy()
+    late[np.minimum(ticks + 2, len(rate) - 1)] += 5.0 / 0.2
+    assert true_times(stamps, late, np.cumsum(turned)) == (stamps, False)
+    assert true_times(stamps, np.full(len(rate), np.nan), np.cumsum(turned)) == (stamps, False)
+    assert true_times(stamps, rate, np.zeros(len(rate))) == (stamps, False)
+
+
 def test_rows_of_a_logger_that_holds_are_told_from_those_that_are_equal_by_chance():
     rng = np.random.default_rng(2)
     values = rng.normal(size=500)
