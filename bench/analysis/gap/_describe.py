@@ -81,11 +81,20 @@ def _line_part(line: SpectralLine) -> UnknownPart:
         if line.harmonic
         else ", not bound to the table's angle"
     )
-    sentence = (
-        f"It is periodic: {line.amplitude_dph:.3g} deg/h at {line.frequency_hz:.4g} Hz, or at what folds to it "
-        f"(period {line.period_s:.4g} s) in runs of {line.profile}{bound}."
+    size = f"{line.amplitude_dph:.3g} deg/h at {line.frequency_hz:.4g} Hz"
+    if line.follows:
+        sentence = (
+            f"It is periodic as {line.follows} is: {size} (period {line.period_s:.4g} s) in runs of "
+            f"{line.profile}. Look for what {line.follows} does that no effect of the catalogue does."
+        )
+    else:
+        sentence = (
+            f"It is periodic: {size}, or at what folds to it (period {line.period_s:.4g} s) in runs of "
+            f"{line.profile}{bound}."
+        )
+    return UnknownPart(
+        line.follows or "time", sentence, frequency_hz=line.frequency_hz, harmonic=line.harmonic
     )
-    return UnknownPart("time", sentence, frequency_hz=line.frequency_hz, harmonic=line.harmonic)
 
 
 def _differing_part(noise: Noise, run_id: str, at_s: float) -> UnknownPart:

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.fft import dct
 from scipy.stats import chi2
 
-from bench.analysis.gap._data import Group
+from bench.analysis.gap._data import GapRun, Group
 from bench.analysis.gap._noise import Noise, spectrum
 from drivers.base.arrays import Array
 
@@ -21,19 +22,25 @@ _CAUTION = math.log(100.0)
 """Log odds against a line, beside the number of windows looked at: noise alone has one in a set of a hundred."""
 _MISFIT_SHARE = 0.1
 """Part of a profile's gap below which a line is taken for an effect's misfit."""
+_STANDS_OUT, _ROUNDING = 10.0, 1e-12
+"""Times its surroundings from which an input is periodic at a frequency; part of its energy that is rounding."""
 _WANDERS = 0.05
 """Part of its frequency within which a line counts as one that is named: a unit over -35 to 80 degC, a beat."""
 
 
 @dataclass(frozen=True)
 class SpectralLine:
-    """A line in the runs of `profile`, or of several: period, amplitude, log evidence; part of a turn it is."""
+    """A line in the runs of `profile`, or of several: period, amplitude, log evidence; part of a turn it is.
+
+    `follows`: the input that is periodic there itself (a table that swings, a chamber that cycles), "" if none.
+    """
 
     profile: str
     period_s: float
     amplitude_dph: float
     log_evidence: float
     turns: float
+    follows: str = ""
 
     @property
     def frequency_hz(self) -> float:
@@ -98,8 +105,28 @@ def strongest_line(
         amplitude = math.sqrt(2.0 * excess * power / residual.size)
         rate = max(float(np.median(np.abs(run.stimulus.table_rate_dps))) for run in runs)
         names = ", ".join(run.profile for run in runs)
-        found.append(SpectralLine(names, own_s, amplitude, evidence, rate * own_s / 360.0))
+        follows = _periodic_input(runs, windows, k)
+        found.append(SpectralLine(names, own_s, amplitude, evidence, rate * own_s / 360.0, follows))
     return max(found, key=lambda line: line.log_evidence) if found else None
+
+
+def _periodic_input(runs: Sequence[GapRun], windows: int, at: int) -> str:
+    """Return the input of one of the runs that stands out most in a window of their spectra, "" if none does."""
+    most, result = _STANDS_OUT, ""
+    for s in (run.stimulus for run in runs):
+        inputs = {
+            "input rate": s.input_rate_dph,
+            "table rate": s.table_rate_dps,
+            "T_in": s.t_in_c,
+            "T_out": s.t_out_c,
+        }
+        for name, values in inputs.items():
+            power = dct(values, norm="ortho")[1 : windows * _WIDTH + 1].reshape(windows, _WIDTH) ** 2
+            energy = power.sum(axis=1)
+            around = max(float(_surroundings(energy)[at]), _ROUNDING * float(energy.sum()))
+            if energy[at] > most * around:
+                most, result = float(energy[at]) / around, name
+    return result
 
 
 def _log_tail(energy: Array, count: float) -> Array:

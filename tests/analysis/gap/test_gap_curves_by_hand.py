@@ -161,6 +161,9 @@ def test_what_is_unknown_is_told_by_its_input_its_largest_value_and_its_lag():
         and "(period 40 s) in runs of shock, harmonic 2 of" in line.sentence
     )
     assert "not bound to the table's angle" in _line_part(SpectralLine("shock", 40.0, 0.1, 9.0, 0.0)).sentence
+    swung = _line_part(SpectralLine("sector", 8.0, 0.1, 9.0, 0.0, "table rate"))
+    assert (swung.follows, swung.frequency_hz) == ("table rate", 0.125)
+    assert "periodic as table rate is: 0.1 deg/h at 0.125 Hz (period 8 s) in runs of sector" in swung.sentence
     noise = Noise(0.004, quantum_arcsec=1.234, correlated_dph=0.5678, correlation_time_s=61.7)
     assert (
         "0.568 deg/h rms, changing within 62 s or so; most in r about 2 min"
