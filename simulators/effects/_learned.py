@@ -284,7 +284,7 @@ FORMS = {
             _memory(_warm),
             PPM,
         ),
-        LearnedForm("bias over rate", "rate", Input.RATE, _rate_curve, curve=True),
+        LearnedForm("bias over rate", "rate", Input.RATE, _rate_curve, curve=True, smooth=True),
         LearnedForm("bias over table angle", "table angle", Input.ANGLE, _bias_waves),
         LearnedForm("rate over table angle", "table angle, with rate", _TURNING, _rate_waves),
         LearnedForm("bias over direction", "attitude", Input.ANGLE | Input.ATTITUDE, _directions),

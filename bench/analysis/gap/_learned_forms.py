@@ -137,7 +137,9 @@ def _turned(runs: Sequence[GapRun]) -> Iterator[Candidate]:
     if turning := _turning(runs):
         most = max(float(np.abs(run.stimulus.axis_rate_dps).max()) for run in runs)
         side = [most * part for part in (0.005, 0.02, 0.06, 0.15, 0.3, 0.5, 0.7, 0.85, 1.0)]
-        yield _apart("bias over rate", [*(-rate for rate in reversed(side)), 0.0, *side])
+        rates = np.array([*(-rate for rate in reversed(side)), 0.0, *side])
+        # the slower the closer: near numbers are alike, and between two rates that were run the curve goes on
+        yield _smooth("bias over rate", (rates,), prior=(np.arange(float(len(rates))),))
         yield _apart("rate over table angle", [order for order in range(1, 37) for _ in "cs"])
         yield _apart("heat of turning", (30.0, 100.0, 300.0, 1000.0))
         yield _smooth("response to changes of rate", (np.array(_RESPONSE_S),))
@@ -163,7 +165,10 @@ def _apart(name: str, at: Sequence[float], second: Sequence[float] = ()) -> Cand
     return Candidate(FORMS[name], Variant(FORMS[name].effect(shape), shape))
 
 
-def _smooth(name: str, nodes: tuple[Array, ...], late_s: float = 0.0) -> Candidate:
+def _smooth(
+    name: str, nodes: tuple[Array, ...], late_s: float = 0.0, *, prior: tuple[Array, ...] = ()
+) -> Candidate:
+    """Return a form whose values at near nodes are alike; `prior`: where the nodes are for that, else `nodes`."""
     second = nodes[1].tolist() if len(nodes) > 1 else ()
     shape = learned_shape(nodes[0].tolist(), second, late_s)
-    return Candidate(FORMS[name], Variant(FORMS[name].effect(shape), shape), nodes)
+    return Candidate(FORMS[name], Variant(FORMS[name].effect(shape), shape), prior or nodes)

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from bench.analysis.gap import Model, closed_model, diagnose, model_text, parse_model
 from bench.analysis.gap._data import GapRun
+from bench.analysis.gap._learn import learned
+from bench.analysis.gap._noise import Noise
+from bench.analysis.gap._prepare import prepare
 from simulators.effects import FORMS, PPM, Stimulus, Variant, learned_shape
 from tests.analysis.gap.conftest import made_run, stimulus
 
@@ -158,6 +164,34 @@ SHAPES = {
     "scale factor's memory of T_in": learned_shape((600.0,)),
     "time since power-on": learned_shape((300.0, 3000.0)),
 }
+
+
+def test_a_curve_over_the_rate_goes_on_between_the_rates_that_were_run() -> None:
+    """Turns at 5, 10, 20 and 40 deg/s; asked at 15 and 30, where no run has been."""
+
+    def turned(rates_dps: Sequence[float], n: int = 3600) -> Stimulus:
+        rate = np.repeat(rates_dps, n // len(rates_dps)).astype(float)
+        angle = np.concatenate(([10.0], 10.0 + np.cumsum(rate)))
+        return replace(stimulus(len(rate), cold=False), angle_deg=angle)
+
+    def hidden(s: Stimulus) -> np.ndarray:
+        part = s.axis_rate_dps / 40.0
+        return np.asarray(9.0 * part**2 * (1.0 + 0.5 * part))
+
+    rng = np.random.default_rng(4)
+    up = (0.0, 5.0, 10.0, 20.0, 40.0, 0.0, -5.0, -10.0, -20.0, -40.0)
+    runs = [
+        made_run(f"{profile} {repeat}", s, rng, hidden(s), profile=profile)
+        for profile, rates in (("up", up), ("down", up[::-1]), ("mixed", (*up[::3], *up[1::3], *up[2::3])))
+        for repeat in range(2)
+        if (s := turned(rates))
+    ]
+    model = Model("m", (), Noise(0.004))
+    found = learned(prepare(runs, model, []), model, [])
+    assert "learned: bias over rate" in [term.variant.effect.name for term in found.terms]
+    asked = turned((15.0, 30.0, -15.0, -30.0))
+    off = replace(model, terms=found.terms).predict(asked) - model.predict(asked) - hidden(asked)
+    assert np.std(off) < 0.2 * np.std(hidden(asked))
 
 
 @pytest.mark.parametrize("name", SHAPES)
