@@ -23,6 +23,8 @@ _ENOUGH, _BESIDE_GRID = 16, 0.4
 """Rows that say whether stamps are true, and how far off a grid even ones are, in steps."""
 _OUTLYING, _FAR_BETTER, _OFTEN = 6.0, 12.0, 2.0
 """Scatter of a row that neither explains; log likelihood, and standard deviations of its sum, that tell."""
+_LEAST_DPS = 1e-7
+"""Noise from row to row that every gyro has."""
 _MASKED, _STEADY = 3, 0.003
 """Steps of a masked move; part of a rate by which it may change from step to step and be steady."""
 _HALF = 0.6
@@ -159,9 +161,9 @@ def true_times(time_s: Array, rate_dps: Array, angle_deg: Array) -> tuple[Array,
         return np.abs(np.diff(rest))
 
     even, stamped = scatter(grid_s), scatter(time_s)
-    if np.isnan(even).all():
-        return time_s, False
-    usual = float(min(np.nanmedian(even), np.nanmedian(stamped)))
+    # where the table stands both are alike; a simulation without noise has none at all
+    apart = even != stamped
+    usual = max(min(_median(even[apart]), _median(stamped[apart])), _LEAST_DPS)
     # neither explains a move that comes late, or an impulse
     better = (even - stamped)[np.fmin(even, stamped) < _OUTLYING * usual]
     size = math.sqrt(float((better**2).sum()))
@@ -169,6 +171,12 @@ def true_times(time_s: Array, rate_dps: Array, angle_deg: Array) -> tuple[Array,
     if abs(often) < _OFTEN or abs(float(better.sum())) < _FAR_BETTER * usual:
         return time_s, False
     return (time_s, True) if often > 0.0 else (grid_s, False)
+
+
+def _median(values: Array) -> float:
+    """Return the median of values (m,) that are known, 0 of none."""
+    known = values[~np.isnan(values)]
+    return float(np.median(known)) if len(known) else 0.0
 
 
 def _odd(time_s: Array) -> NDArray[np.bool_]:
