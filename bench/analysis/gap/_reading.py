@@ -93,7 +93,7 @@ def without_reading_noise(runs: Sequence[GapRun]) -> tuple[list[GapRun], list[st
 
 
 def _dwells(number: int, run: GapRun) -> Iterator[_Dwell]:
-    """Yield the stretches of a run in which its angle does nothing but scatter, white, about a line."""
+    """Yield the stretches of a run in which its angle scatters, white, about a line, or within its step."""
     angle = run.stimulus.angle_deg
     step = _step_deg(angle)
     change = np.abs(np.diff(angle, 2))

@@ -161,9 +161,9 @@ def true_times(time_s: Array, rate_dps: Array, angle_deg: Array) -> tuple[Array,
         return np.abs(np.diff(rest))
 
     even, stamped = scatter(grid_s), scatter(time_s)
-    # where the table stands both are alike; a simulation without noise has none at all
-    apart = even != stamped
-    usual = max(min(_median(even[apart]), _median(stamped[apart])), _LEAST_DPS)
+    # where the table stands both are alike, and a coarse output says nothing; a simulation has no noise at all
+    differ = even != stamped
+    usual = max(min(_median(even[differ]), _median(stamped[differ])), _LEAST_DPS)
     # neither explains a move that comes late, or an impulse
     better = (even - stamped)[np.fmin(even, stamped) < _OUTLYING * usual]
     size = math.sqrt(float((better**2).sum()))

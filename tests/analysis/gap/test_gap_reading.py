@@ -10,7 +10,7 @@ import pytest
 from bench.analysis.gap import Model, diagnose
 from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._rate import RateSignal
-from bench.analysis.gap._reading import _step_deg, without_reading_noise
+from bench.analysis.gap._reading import _step_deg, _within_a_step, without_reading_noise
 from simulators.effects import Stimulus
 from tests.analysis.gap.conftest import made_run, stimulus
 
@@ -136,9 +136,32 @@ def test_steps_of_a_reading_are_told_from_noise_on_a_grid_and_from_a_table_that_
     assert _step_deg(true) == 0.0 and _step_deg(true + 1e-4 * noise) == 0.0
     indexed = np.repeat(90.0 * np.arange(100.0), 20)
     assert _step_deg(indexed) == 0.0 and _step_deg(1e-4 * indexed[:100]) == 0.0
+    # steps of one size, but no multiples of it: a table that hunts beside an even rate
+    assert _step_deg(true + STEP_DEG * np.floor(0.37 * np.arange(2000.0))) == 0.0
     moves = np.where(np.arange(2000) % 100 < 90, 0.0, 3.0 + 0.1 * noise)
     moved = true + np.cumsum(moves)
     assert _step_deg(STEP_DEG * np.round(moved / STEP_DEG)) == pytest.approx(STEP_DEG)
+
+
+def test_what_is_cut_off_a_stretch_is_the_end_that_creeps() -> None:
+    even = 0.3 * STEP_DEG * np.arange(60.0)
+    creep = 6.0 * STEP_DEG * np.exp(-np.arange(60.0) / 3.0)
+    for angle, kept in ((even - creep, slice(10, 60)), (even + creep[::-1], slice(0, 50))):
+        read = STEP_DEG * np.round(angle / STEP_DEG)
+        found = _within_a_step(read, slice(0, 60), STEP_DEG)
+        assert abs(found.start - kept.start) <= 4 and abs(found.stop - kept.stop) <= 4
+
+
+def test_rests_do_not_make_the_noise_of_a_resolver_look_less() -> None:
+    rate_dps = np.concatenate((np.repeat(np.tile([0.0, 10.0], 20), 40), np.zeros(40)))
+    true = np.concatenate(([10.0], 10.0 + np.cumsum(rate_dps)))
+    s = replace(stimulus(len(rate_dps), cold=False), angle_deg=true)
+    made = made_run("rests", s, np.random.default_rng(8))
+    read = replace(s, angle_deg=STEP_DEG * np.round(true / STEP_DEG))
+    _, notes = without_reading_noise([replace(made, stimulus=read)])
+    size_dph = float(notes[0].partition("noise of ")[2].split()[0])
+    turning = rate_dps > 0.0
+    assert size_dph == pytest.approx(3600.0 * np.std((read.table_rate_dps - rate_dps)[turning]), rel=0.3)
 
 
 def test_a_tachometer_that_scatters_is_no_rate_and_its_integral_leaves_no_step() -> None:

@@ -217,6 +217,44 @@ def test_a_few_ticks_tell_where_the_table_turns_fast_and_one_does_not():
     assert true_times(once, rate, 40.0 * once) == (once, False)
 
 
+def test_ticks_that_are_three_times_the_noise_are_enough_if_there_are_a_few():
+    stamps, _, rate = _ticked(31.0, seconds=300.0, dps=5.0)
+    assert (np.diff(stamps) > 0.2005).sum() == 9
+    assert true_times(stamps, rate, 5.0 * stamps) == (stamps, True)
+
+
+def test_moves_that_come_late_are_no_evidence_beside_a_slow_turn():
+    """At every tick a move of 5 deg that the gyro sees a row later: both readings are off by 25 deg/s there."""
+    stamps, even, rate = _ticked(150.0, seconds=300.0, dps=0.5)
+    ticks = np.flatnonzero(np.diff(stamps) > 0.2005)
+    moved = np.zeros(len(stamps))
+    moved[ticks + 1] = 5.0
+    late = rate.copy()
+    late[np.minimum(ticks + 2, len(rate) - 1)] += 5.0 / 0.2
+    _, known = true_times(stamps, late, 0.5 * even + np.cumsum(moved))
+    assert not known
+
+
+def test_an_output_of_one_word_at_rest_does_not_hide_what_ticks_do_where_it_turns():
+    """Four fifths of the run stand, and the output's word is larger than its noise: most rows repeat."""
+    stamps, _, noisy = _ticked(150.0, seconds=500.0, dps=0.0)
+    dps = np.where(np.arange(len(stamps)) < 500, 40.0, 0.0)
+    angle = np.cumsum(dps * np.diff(stamps, prepend=0.0))
+    word_dps = 100.0 / 3600.0
+    rate = word_dps * np.round((dps + noisy) / word_dps)
+    assert np.median(np.abs(np.diff(rate))) == 0.0
+    assert true_times(stamps, rate, angle) == (stamps, True)
+
+
+def test_runs_of_true_stamps_have_one_period_however_they_begin():
+    periods = set()
+    for begin in (0.0, 0.00031, 0.00049, 0.00083):
+        for n in (2000, 2777):
+            stamps = np.round(begin + 0.1000266 * np.arange(n), 3)
+            periods.add(Steps.of(stamps - stamps[0], np.ones(n, dtype=bool), stamped=True).period_s)
+    assert periods == {1.000266}
+
+
 def test_what_neither_reading_of_the_stamps_explains_decides_nothing():
     """Moves that the gyro sees a row late, at every tick: each alone would be far more than the noise."""
     stamps, _, rate = _ticked(150.0, seconds=300.0, dps=0.0)

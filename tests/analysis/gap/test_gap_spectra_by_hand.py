@@ -52,14 +52,19 @@ def test_a_wave_is_found_with_its_period_and_its_amplitude():
     assert line_in(ones_with(1234, 0.0)) is None
 
 
-@pytest.mark.parametrize(("number", "what"), [(1000, "table rate"), (200, "T_out"), (1234, "")])
+@pytest.mark.parametrize(
+    ("number", "what"), [(1000, "table rate"), (200, "T_out"), (400, "T_in"), (1234, "")]
+)
 def test_a_wave_that_an_input_has_too_is_told_as_that_inputs(number, what):
-    """The table swings with a period of 8 s, the chamber cycles in 40 s; the gyro is level in no other way."""
+    """The table swings in 8 s, the chamber cycles in 40 s; in 20 s the unit's heater, felt by the case."""
     time_s = np.arange(N) + 0.5
     s = stimulus(N, cold=False)
     angle = 10.0 + 2.0 * np.sin(2.0 * np.pi * np.arange(N + 1) / 8.0)
-    t_out = s.t_out_c + 0.3 * np.sin(2.0 * np.pi * time_s / 40.0)
-    s = replace(s, angle_deg=angle, t_out_c=t_out, elevation_deg=np.zeros(N), latitude_deg=90.0)
+    noise = 0.01 * np.random.default_rng(9).normal(size=(2, N))
+    heated = np.sin(2.0 * np.pi * time_s / 20.0)
+    t_out = s.t_out_c + 0.3 * np.sin(2.0 * np.pi * time_s / 40.0) + 0.03 * heated + noise[0]
+    t_in = s.t_in_c + 0.3 * heated + noise[1]
+    s = replace(s, angle_deg=angle, t_in_c=t_in, t_out_c=t_out, elevation_deg=np.zeros(N), latitude_deg=90.0)
     run = made_run("r", s, np.random.default_rng(1), profile="swung")
     groups = [Group("swung", ("0",), ((run,),))]
     assert strongest_line(groups, [ones_with(number, 0.2)], WHITE, {}).follows == what
