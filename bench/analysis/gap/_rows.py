@@ -24,7 +24,7 @@ _ENOUGH, _BESIDE_GRID = 16, 0.4
 _OUTLYING, _FAR_BETTER, _OFTEN = 6.0, 12.0, 2.0
 """Scatter of a row that neither explains; log likelihood, and standard deviations of its sum, that tell."""
 _LEAST_DPS = 1e-7
-"""Noise from row to row that every gyro has."""
+"""Noise from row to row that every gyro has: a simulation has none, and a coarse output at rest seems so."""
 _MASKED, _STEADY = 3, 0.003
 """Steps of a masked move; part of a rate by which it may change from step to step and be steady."""
 _HALF = 0.6
@@ -161,9 +161,7 @@ def true_times(time_s: Array, rate_dps: Array, angle_deg: Array) -> tuple[Array,
         return np.abs(np.diff(rest))
 
     even, stamped = scatter(grid_s), scatter(time_s)
-    # where the table stands both are alike, and a coarse output says nothing; a simulation has no noise at all
-    differ = even != stamped
-    usual = max(min(_median(even[differ]), _median(stamped[differ])), _LEAST_DPS)
+    usual = max(min(_median(even), _median(stamped)), _LEAST_DPS)
     # neither explains a move that comes late, or an impulse
     better = (even - stamped)[np.fmin(even, stamped) < _OUTLYING * usual]
     size = math.sqrt(float((better**2).sum()))
