@@ -45,7 +45,7 @@ class _Direction:
     """Bytes one way and their index: int64 little-endian pairs (bytes so far, bench time in ns)."""
 
     def __init__(self, folder: Path, stem: str) -> None:
-        self.holes: list[Hole] = []
+        self._holes: list[Hole] = []
         self.data = AppendFile(folder / f"{stem}.bin")
         self.index = AppendFile(folder / f"{stem}.idx")
         self.last_ns = -TIE_NS
@@ -133,7 +133,13 @@ class _Direction:
                 self._add_hole(file, whole, file.size)
 
     def _add_hole(self, file: AppendFile, whole: int, written: int) -> None:
-        self.holes.append(Hole(file.path.name, whole, written, self._time_s(file, whole)))
+        self._holes.append(Hole(file.path.name, whole, written, self._time_s(file, whole)))
+
+    def take_holes(self) -> list[Hole]:
+        """Return what was found missing since this was last asked; the journal's thread may be adding one."""
+        taken = self._holes[:]
+        del self._holes[: len(taken)]  # the same list: what is being added must not go to an old one
+        return taken
 
     def _time_s(self, file: AppendFile, whole: int) -> float:
         """Return the bench time of the last mark that a file has in its first `whole` bytes; 0 for none."""
@@ -182,9 +188,7 @@ class PortJournal:
 
     def take_holes(self) -> list[Hole]:
         """Return what was found missing of the files since this was last asked."""
-        holes = [*self._received.holes, *self._sent.holes]
-        self._received.holes, self._sent.holes = [], []
-        return holes
+        return [*self._received.take_holes(), *self._sent.take_holes()]
 
     def flush(self, sync: bool) -> None:
         """Write what is pending and, with `sync`, wait for the disk; raises RecordError."""

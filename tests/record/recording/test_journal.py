@@ -252,6 +252,25 @@ def test_a_hole_is_told_though_nothing_comes_any_more(tmp_path):
     assert [(hole.file, hole.from_s) for hole in port.take_holes()] == [("p.bin", 0.0)]
 
 
+def test_a_hole_is_told_though_somebody_asks_while_it_is_being_noted(tmp_path, monkeypatch):
+    """The bench asks at every poll; when the hole begins is read from the disk meanwhile."""
+    port, path = PortJournal(tmp_path, "p"), tmp_path / "raw" / "p.bin"
+    port.received(b"0123456789", 1.0)
+    port.flush(sync=False)
+    os.truncate(path, 9)
+    asked = []
+    read_bytes = type(path).read_bytes
+
+    def asked_while_it_reads(self):
+        asked.append(port.take_holes())
+        return read_bytes(self)
+
+    monkeypatch.setattr(type(path), "read_bytes", asked_while_it_reads)
+    port.flush(sync=False)
+    assert asked == [[]]
+    assert [hole.file for hole in port.take_holes()] == ["p.bin"] and port.take_holes() == []
+
+
 @pytest.mark.parametrize("how", ["cut between look and write", "one bit", "the first byte of a later piece"])
 def test_bytes_that_are_not_as_they_came_are_found_when_the_journal_is_closed(tmp_path, monkeypatch, how):
     """No length gives these away: the file is read back."""
