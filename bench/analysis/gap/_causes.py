@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import expit
 
 from bench.analysis.gap._findings import Cause, rivals_of
 from bench.analysis.gap._fit import Solution, beside_nominal, weighted_gram
@@ -17,14 +19,20 @@ from bench.analysis.gap._which import Found, set_weights
 from drivers.base.arrays import Array
 from simulators.effects import Input, Variant
 
-_MIMICRY = 0.05
-"""Probability that what looks like an effect only resembles it: 26 of 388 sure claims of the exams before."""
+_GENUINE = (1.4, 1.8, -1.2, -0.9)
+"""Log odds that what looks like an effect is one: at ten standard deviations with a hundredth left where it acts;
+for e times as many; for ten times as much left; beside something unknown (524 claims of the exams before)."""
+_FEWEST_SIGMAS, _MOST_SIGMAS, _LEAST_LEFT = 3.0, 20.0, 1e-3
+"""Standard deviations, and the part left, beyond which those claims are no more and no less often true."""
+_LEAST_GENUINE = 0.5
 _SURE = 0.8
 """Probability that a cause beside something unknown needs: the unknown often resembles several effects a bit.
 
 Where a free curve stands for the unknown it is that of the cause or of what may stand in its place.
 """
 
+_EXPONENTIAL, _ALIKE = 0.97, 2.0
+"""Least stretch of what settles, and ratio of its time constant and a lag, that are a body's own start."""
 _CROWD = 3
 """Mechanisms that follow the rate from which on it is a function of rate that has no name in the catalogue."""
 _FEW = 2
@@ -48,6 +56,7 @@ def causes_of(
     curves = [variants[each].effect for each in best.members if posterior.candidates[each].curve]
     named: list[Cause[Term]] = []
     does: dict[str, float] = {}
+    real: dict[str, float] = {}
     doubtful: list[Cause[Term]] = []
     for member in sorted(best.members):
         candidate = posterior.candidates[member]
@@ -66,28 +75,29 @@ def causes_of(
             trust,
         )
         one_of = _one_of(candidate.effect, alternatives, weights)
+        real[candidate.effect] = _genuine(cause.term, trust, unknown)
         # a curve in the set competes for the effect's place; what nothing in the set describes does not
         place = _of_any(weights, set(one_of[:_FEW]))
         if best.curved and not best.remains:
             place = _of_any(weights, {candidate.effect, *alternatives})
         stated = replace(
             cause,
-            probability=(1.0 - _MIMICRY) * cause.probability,
+            probability=real[candidate.effect] * cause.probability,
             one_of=one_of,
-            set_probability=(1.0 - _MIMICRY) * _of_any(weights, set(one_of)),
+            set_probability=real[candidate.effect] * _of_any(weights, set(one_of)),
         )
         acting = beside_nominal(gram, model.sigmas, best.solution, own)
         does[candidate.effect] = _energy(acting, gram)
         common = prevalence(found.data.cells, found.before, acting, best.rest)
         doubt = unknown > 0.5 and (trust < CREDIBLE or common < PREVALENT or place < _SURE)
-        doubt |= not _nameable(one_of, weights)
+        doubt |= not _nameable(one_of, weights) or stated.set_probability < _LEAST_GENUINE
         if doubt or absorbed(variants[member].effect, curves):
             # fitted beside a curve it would not stand alone
             alone = _fitted(member, best.without_curves, found, variants, q)
             doubtful.append(replace(stated, term=alone))
         else:
             named.append(stated)
-    return _mechanisms(named, weights, does), tuple(doubtful)
+    return _mechanisms(named, weights, does, real), tuple(doubtful)
 
 
 def crowded(causes: Sequence[Cause[Term]], resembling: Sequence[Cause[Term]]) -> list[Cause[Term]]:
@@ -115,6 +125,7 @@ def _mechanisms(
     causes: Sequence[Cause[Term]],
     weights: Mapping[frozenset[str], tuple[float, float]],
     does: Mapping[str, float],
+    real: Mapping[str, float],
 ) -> tuple[Cause[Term], ...]:
     """Return causes with those of one driver as one, the strongest, which has the others' terms as its form.
 
@@ -131,7 +142,7 @@ def _mechanisms(
             if len(one_of) <= _MOST_ALIKE and same_driver(*effects):
                 form = (*main.form, cause.term)
                 part = does[main.name] / sum(does[term.name] for term in (main.term, *form))
-                one_acts = (1.0 - _MIMICRY) * _of_any(weights, set(one_of))
+                one_acts = real[main.name] * _of_any(weights, set(one_of))
                 made[place] = replace(
                     main,
                     probability=min(main.probability, part * one_acts),
@@ -144,6 +155,33 @@ def _mechanisms(
             made.append(cause)
     order = [cause.name for cause in causes]
     return tuple(sorted(made, key=lambda cause: order.index(cause.name)))
+
+
+def _genuine(term: Term, trust: float, unknown: float) -> float:
+    """Return the probability that what looks like an effect is one, and does not only resemble it.
+
+    `trust` is the part of the gap that is explained where it acts, `unknown` the probability of something unknown
+    beside it. The standard deviations count what formulas of the other effects may miss.
+    """
+    sigmas = max(
+        abs(value) / max(sigma, 1e-300) for value, sigma in zip(term.values, term.sigmas, strict=True)
+    )
+    size = math.log(min(max(sigmas, _FEWEST_SIGMAS), _MOST_SIGMAS) / 10.0)
+    left = math.log10(max(1.0 - trust, _LEAST_LEFT) / 0.01)
+    own, by_size, by_left, beside = _GENUINE
+    return float(expit(own + by_size * size + by_left * left + beside * (unknown > 0.5)))
+
+
+def _starts(own: Term, late: Term) -> bool:
+    """Return whether one effect is how the body of another starts, which is late by a lag.
+
+    A first-order follower takes its first temperature for settled. A body that warms itself, or starts elsewhere
+    than its thermometer, comes there exponentially, with that very lag.
+    """
+    time_s, lag_s = own.variant.shape.get("time_constant_s", 0.0), late.variant.shape.get("lag_s", 0.0)
+    if own.effect.unit != late.effect.unit or own.variant.shape.get("stretch", 1.0) < _EXPONENTIAL:
+        return False
+    return time_s > 0.0 and lag_s / _ALIKE <= time_s <= lag_s * _ALIKE
 
 
 def models_with_and_without(

@@ -30,7 +30,7 @@ MOST_MISSING = 0.6
 """Part of a run's samples that may be missing."""
 SIGMA_OF_SECOND_DIFFERENCES = 1.4826 / math.sqrt(6.0)
 """Standard deviation of white noise over the median size of its second differences."""
-SHORTEST = 256
+SHORTEST = 64
 """Samples below which a run has no time scales worth separating."""
 
 
@@ -144,7 +144,11 @@ def _check_run(run: GapRun) -> None:
         raise ConfigurationError("the arrays of a run differ in length", where=run.run_id)
     if len(s) < SHORTEST:
         raise ConfigurationError(
-            "the run is too short", where=run.run_id, found=f"{len(s)} samples", expected=f"{SHORTEST}"
+            "the run is too short",
+            where=run.run_id,
+            found=f"{len(s)} samples",
+            expected=f"at least {SHORTEST}",
+            remedy="leave it out, or log more rows a second",
         )
     if (missing := run.missing.mean()) > MOST_MISSING:
         raise ConfigurationError(

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.gap._data import SHORTEST, GapRun, interpolated, stand_ins
+from bench.analysis.gap._data import GapRun, interpolated, stand_ins
 from bench.analysis.gap._fast_data import FastRows
 from bench.analysis.gap._fast_spectrum import FastSpectrum
 from bench.analysis.gap._log_rows import even_rows, finest_angle_deg, held_rows
@@ -21,6 +21,9 @@ from drivers.base.arrays import Array
 from drivers.base.constants import DPH_PER_DPS
 from drivers.base.errors import ConfigurationError
 from simulators.effects import Stimulus
+
+_ENOUGH_STEPS = 256
+"""Steps of a second that a log must have; one of fewer and of many rows is cut more finely."""
 
 
 def read_mapped_runs(path: Path, gyro: str | None = None) -> list[GapRun]:
@@ -128,8 +131,8 @@ def _steps(log: Log, held: NDArray[np.bool_]) -> tuple[Steps, Array | None]:
         turned_deg = interpolated(turned_deg)
         time_s, stamped = true_times(time_s, np.where(use, rows, np.nan), turned_deg)
     least_s = 1.0
-    if time_s[-1] < SHORTEST and len(time_s) >= 2 * SHORTEST:  # a short log: steps of so many rows are enough
-        least_s = float(np.median(np.diff(time_s))) * (len(time_s) // (2 * SHORTEST))
+    if time_s[-1] < _ENOUGH_STEPS and len(time_s) >= 2 * _ENOUGH_STEPS:
+        least_s = float(np.median(np.diff(time_s))) * (len(time_s) // (2 * _ENOUGH_STEPS))
     return Steps.of(time_s, use, least_s, stamped=stamped), turned_deg
 
 

@@ -155,7 +155,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         resembles = (*resembles, *crowd)
         if not causes or crowd:
             # something is there, and no name for it is sure
-            unknown = max([unknown, *(cause.acts for cause in resembles)])
+            unknown = max(unknown, 1.0 - null if resembles else 0.0)
         stochastic = _stochastic(ready.noise, runs) if unknown < 0.5 else {}
         stochastic = {**stochastic, **disturbed.probabilities}
         where = places(ready.cells, found.before, ready.floor)
