@@ -134,7 +134,7 @@ def heat_flows(temperatures_c: Sequence[float], air_c: float, on: float) -> list
 def _to_air(body_c: float, air_c: float) -> float:
     apart = body_c - air_c
     hot, cold = body_c + ZERO_CELSIUS_K, air_c + ZERO_CELSIUS_K
-    return _CONVECTION_W * apart * abs(apart) ** 0.25 + _RADIATION_W * (hot**4 - cold**4)
+    return float(_CONVECTION_W * apart * abs(apart) ** 0.25 + _RADIATION_W * (hot**4 - cold**4))
 
 
 def heated(air_c: Array, start_c: Sequence[float], on: float = 1.0) -> Array:
@@ -218,7 +218,7 @@ def _stage(unit: Unit, sort: Sort, habit: Habit, repeat: int, number: int, abort
     rng = drawn(unit.seed, "stage", sort.code, repeat)
     step_s = 0.02 if sort.sine else 0.1
     length_s = 60.0 * sort.minutes * (float(rng.uniform(0.4, 0.7)) if aborted else 1.0)
-    edges = np.arange(round((length_s + _SPARE_S) / step_s) + 1) * step_s
+    edges: Array = np.arange(round((length_s + _SPARE_S) / step_s) + 1) * step_s
     middles = 0.5 * (edges[1:] + edges[:-1])
     mounted_s, elevation = sort.elevations(middles)
     asked, angle = _angles(sort, habit, edges, step_s)
