@@ -99,7 +99,7 @@ def habit_of(unit: Unit, station: str) -> Habit:
     }[stamps]
     commanded = bool(rng.uniform() < 0.35)
     return Habit(
-        rate_factor=float(rng.choice((0.5, 1.0, 2.0))),
+        rate_factor=float(rng.choice((0.5, 1.0, 1.6))),
         stamps=stamps,
         stamp_size=float(size),
         thermometer_noise_k=float(rng.uniform(0.002, 0.03)),
@@ -207,7 +207,7 @@ def _sorts(rng: np.random.Generator) -> list[Sort]:
         soak("S1", -20.0, 1), soak("S2", 25.0, 1), soak("S3", 60.0, 1),
         Sort("RA", "ramp", "full range", 175.0, ramp, 3, 1, station="chamber", rows_per_s=0.2, powered_s=warm),
         Sort("SH", "shock", "in 3 min", 60.0, shock, 2, 0, station="chamber", rows_per_s=0.4, powered_s=warm),
-        Sort("ST", "standing", "level", 150.0, flat, 2, 0, start_deg=90.0, elevation=((0.0, 0.0),),
+        Sort("ST", "standing", "level", 130.0, flat, 2, 0, start_deg=90.0, elevation=((0.0, 0.0),),
              station="pier", rows_per_s=0.2, powered_s=warm),
         Sort("PC", "power cycle", "cold", 25.0, flat, 3, 1, station="pier", rows_per_s=0.5,
              powered_s=(2.0, 20.0), store_k=float(rng.uniform(0.0, 8.0))),
@@ -218,7 +218,7 @@ def _stage(unit: Unit, sort: Sort, habit: Habit, repeat: int, number: int, abort
     rng = drawn(unit.seed, "stage", sort.code, repeat)
     step_s = 0.02 if sort.sine else 0.1
     length_s = 60.0 * sort.minutes * (float(rng.uniform(0.4, 0.7)) if aborted else 1.0)
-    edges: Array = np.arange(round((length_s + _SPARE_S) / step_s) + 1) * step_s
+    edges = np.asarray(np.arange(round((length_s + _SPARE_S) / step_s) + 1) * step_s, np.float64)
     middles = 0.5 * (edges[1:] + edges[:-1])
     mounted_s, elevation = sort.elevations(middles)
     asked, angle = _angles(sort, habit, edges, step_s)
