@@ -216,7 +216,7 @@ EFFECTS: dict[str, Effect] = {
     "faraday": common.heading(faraday),
     "encoder": common.encoder((1, 2), 0.2),
     "latency": common.latency(LATITUDE_DEG),
-    "line": common.known(line, "vibration_or_mains_line"),
+    "line": Effect(line, ("vibration_or_mains_line",), changing=True),
     "etalon": Effect(etalon),
     "wound": Effect(wound),
     "darkened": Effect(darkened),

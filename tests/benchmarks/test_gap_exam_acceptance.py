@@ -188,11 +188,17 @@ def test_creep_and_hysteresis_are_nothing_at_a_temperature_that_stays(unit):
     assert not effects.hysteresis(unit, stage, 1.0).any()
 
 
-def test_every_effect_shows_in_the_campaign_and_changes_only_where_it_says_so(unit, stages):
+def test_every_effect_shows_in_the_campaign(unit, stages):
     for name, effect in ACCEPTANCE.effects.items():
-        size = 1.0 if not effect.curved else effect.sizes[1]
-        parts = [effect.signal(unit, stage, size) for stage in stages]
+        parts = [effect.signal(unit, stage, effect.sizes[1] if effect.curved else 1.0) for stage in stages]
         assert all(np.isfinite(part).all() for part in parts), name
         assert max(np.ptp(part) for part in parts) > 0.0, name
-    assert sum(bool(effect.names) for effect in ACCEPTANCE.effects.values()) == 16
-    assert len(ACCEPTANCE.foreign) == 6
+    assert (len(ACCEPTANCE.known), len(ACCEPTANCE.foreign), len(ACCEPTANCE.noisy)) == (16, 6, 3)
+
+
+def test_an_effect_differs_between_repeats_of_the_same_run_where_it_says_so(unit, stages):
+    first = run(stages, "ST")
+    second = dataclasses.replace(first, repeat=1)
+    for name, effect in ACCEPTANCE.effects.items():
+        one, other = (effect.signal(unit, stage, 1.0) for stage in (first, second))
+        assert np.array_equal(one, other) != effect.changing, name
