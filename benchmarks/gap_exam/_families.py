@@ -7,6 +7,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 
+from benchmarks.gap_exam._acceptance import ACCEPTANCE
 from benchmarks.gap_exam._cylinder import CYLINDER
 from benchmarks.gap_exam._depolarised import DEPOLARISED
 from benchmarks.gap_exam._exam_plant import EXAM_PLANT, make_exam_case, plan_exam_cases
@@ -39,6 +40,7 @@ FAMILIES = {
         DEPOLARISED,
         SPRING,
         RECORDERS,
+        ACCEPTANCE,
         EXAM_PLANT,
     )
 }
