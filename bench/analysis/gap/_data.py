@@ -88,6 +88,18 @@ def _beside(simulation: Simulation, run: GapRun) -> GapRun:
     return replace(run, output_dph=run.output_dph - foretold + run.stimulus.input_rate_dph, simulated=True)
 
 
+def long_enough(runs: Sequence[GapRun]) -> tuple[list[GapRun], list[str]]:
+    """Return the runs but those that were aborted too early, and which these are; all if none is long enough."""
+    kept = [run for run in runs if len(run.stimulus) >= SHORTEST]
+    if not kept:
+        return list(runs), []
+    return kept, [
+        f"{run.run_id}: left out, it has {len(run.stimulus)} samples and {SHORTEST} are needed"
+        for run in runs
+        if len(run.stimulus) < SHORTEST
+    ]
+
+
 def check_runs(runs: Sequence[GapRun]) -> None:
     """Raise ConfigurationError for runs that one diagnosis cannot take together."""
     if not runs:

@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from bench.analysis.gap._channel_data import ChannelSeries
 from bench.analysis.gap._channels import ChannelFinding, ChannelSignal
-from bench.analysis.gap._data import GapRun, beside
+from bench.analysis.gap._data import GapRun, beside, long_enough
 from bench.analysis.gap._fast import FastFinding, FastSignal
 from bench.analysis.gap._findings import Cause, Finding, refuse_judges, refuse_several_units
 from bench.analysis.gap._model_file import ChannelTerm, DisturbanceTerm, Model, Term
@@ -123,11 +123,12 @@ def _diagnosis(
     findings: list[Finding[Any]] = []
     nominal = model
     if rates or not runs:
-        rate = RateSignal().find(rates, model, [run for run in held_out if isinstance(run, GapRun)])
+        rates, short = long_enough(rates)
+        judges_of_rate, few = long_enough([run for run in held_out if isinstance(run, GapRun)])
+        rate = RateSignal().find(rates, model, judges_of_rate)
         model = rate.model
-        findings.append(rate)
+        findings.append(replace(rate, warnings=(*rate.warnings, *short, *few)))
         if any(run.fast for run in rates):
-            judges_of_rate = [run for run in held_out if isinstance(run, GapRun)]
             findings.append(FastSignal().find(rates, nominal, judges_of_rate))
     if positions:
         platforms = [run for run in held_out if isinstance(run, PositionRun)]

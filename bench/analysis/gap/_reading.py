@@ -25,6 +25,8 @@ _COARSEST_DEG = 0.1
 """A change of angle from sample to sample that no step of a reading makes: 12 bits a turn are 0.09 deg."""
 _WHOLE, _SINGLE = 0.9, 0.75
 """Part of the samples that turn by whole steps, and of the small changes that are one step: noise makes more."""
+_BESIDE = 5.0
+"""Standard deviations of an angle's scatter beyond which the ends of a stretch belong to the moves beside it."""
 _WHITE = 1.5
 """Largest scatter about a line against what second differences say of it: more is a table that moves."""
 _BLOCK = 16
@@ -85,10 +87,10 @@ def without_reading_noise(runs: Sequence[GapRun]) -> tuple[list[GapRun], list[st
     for dwell in dwells:
         steady[dwell.run] = _on_its_line(steady[dwell.run], dwell)
     rates = [np.diff(dwell.beside_deg) / runs[dwell.run].stimulus.period_s for dwell in dwells]
-    noise_dph = 3600.0 * float(np.median([np.std(rate) for rate in rates]))
+    noise_dph = 3600.0 * float(np.std(np.concatenate(rates)))
     return steady, [
-        f"the table's rate is read with a noise of {noise_dph:.2g} deg/h a sample that the gyro does not follow "
-        f"({follows:.2f} +- {_SIGMAS * sigma:.2f} of it): at one rate the table is taken to turn evenly"
+        f"the table's rate is read with a noise of {noise_dph:.2g} deg/h a sample that the gyro does not "
+        f"follow ({follows:.2f} +- {_SIGMAS * sigma:.2f} of it): at one rate the table is taken to turn evenly"
     ]
 
 
@@ -96,18 +98,39 @@ def _dwells(number: int, run: GapRun) -> Iterator[_Dwell]:
     """Yield the stretches of a run in which its angle scatters, white, about a line, or within its step."""
     angle = run.stimulus.angle_deg
     step = _step_deg(angle)
-    change = np.abs(np.diff(angle, 2))
-    largest = _ONE_STEP * step if step else _CHANGES * float(np.median(change))
-    ends = np.flatnonzero(change > largest) + 1
-    for start, stop in zip([0, *ends.tolist()], [*ends.tolist(), len(angle) - 1], strict=True):
-        edges = slice(start, stop + 1)
-        if step:
-            edges = _within_a_step(angle, edges, step)
+    for edges in _stretches(np.abs(np.diff(angle, 2)), step):
+        edges = _within(angle, edges, _OF_A_STEP * step) if step else _settled(angle, edges)
         if edges.stop - edges.start <= (_FEWEST if step else _SHORTEST):
             continue
         line = _fitted(angle[edges]) if step else _line(angle[edges])
         if line is not None and float(np.ptp(angle[edges] - line)) > _ROUNDED_DEG:
             yield _Dwell(number, edges, line, angle[edges] - line)
+
+
+def _stretches(change: Array, step_deg: float) -> Iterator[slice]:
+    """Yield the edges of stretches at one rate, from the sizes of an angle's second differences (m - 1,).
+
+    Where stamps are rounded the reading scatters in proportion to the rate: each rate has a scale of its own.
+    """
+    if step_deg:
+        yield from _between(change, _ONE_STEP * step_deg, 0)
+        return
+    medians = np.array(
+        [np.median(change[at : at + _BLOCK]) for at in range(max(len(change) - _BLOCK, 0) + 1)]
+    )
+    at = np.arange(len(change))
+    before, after = (medians[np.clip(part, 0, len(medians) - 1)] for part in (at - _BLOCK, at + 1))
+    for piece in _between(change, _CHANGES * np.maximum(before, after), 0):
+        own = change[piece.start : piece.stop - 2]
+        if len(own):
+            yield from _between(own, _CHANGES * float(np.median(own)), piece.start)
+
+
+def _between(change: Array, largest: Array | float, first: int) -> Iterator[slice]:
+    """Yield the edges between changes (k,) larger than `largest`, counted from `first`."""
+    ends = np.flatnonzero(change > largest) + 1
+    for start, stop in zip([0, *ends.tolist()], [*ends.tolist(), len(change) + 1], strict=True):
+        yield slice(first + start, first + stop + 1)
 
 
 def _step_deg(angle_deg: Array) -> float:
@@ -128,13 +151,23 @@ def _step_deg(angle_deg: Array) -> float:
     return step if read else 0.0
 
 
-def _within_a_step(angle_deg: Array, edges: slice, step_deg: float) -> slice:
-    """Return the part of a stretch where an angle is within its step of a line: no creep after a move."""
+def _settled(angle_deg: Array, edges: slice) -> slice:
+    """Return a stretch without what is left of the moves beside it, where its angle scatters about a line."""
+    if edges.stop - edges.start <= _SHORTEST:
+        return edges
+    bends = np.abs(np.diff(angle_deg[edges], 2))
+    inside = _within(angle_deg, edges, _BESIDE * SIGMA_OF_SECOND_DIFFERENCES * float(np.median(bends)))
+    # an angle that walks leaves every line
+    return inside if 2 * (inside.stop - inside.start) > edges.stop - edges.start else edges
+
+
+def _within(angle_deg: Array, edges: slice, most_deg: float) -> slice:
+    """Return the part of a stretch where an angle is no further beside a line: no creep after a move."""
     while edges.stop - edges.start > _FEWEST:
         own = angle_deg[edges]
         beside = np.abs(own - _fitted(own))
         worst = int(np.argmax(beside))
-        if beside[worst] <= _OF_A_STEP * step_deg:
+        if beside[worst] <= most_deg:
             break
         if 2 * worst < len(own):
             edges = slice(edges.start + worst + 1, edges.stop)

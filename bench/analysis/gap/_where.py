@@ -146,8 +146,8 @@ def regime_map(
             energy, excess = np.zeros(n), np.zeros(n)
             dof = 0.0
             for band, part in enumerate(band_slices(n, period_s)):
-                if band not in bands.get(group.profile, set()):
-                    continue
+                if band not in bands.get(group.profile, set()) or part.start == part.stop:
+                    continue  # a short run of a profile has nothing in its slowest bands
                 of_band = in_time(own[None], part) / floor.ratio[band] / (1.0 + 2.0 * floor.sigma[band])
                 expected = (part.stop - part.start) / n
                 energy += of_band

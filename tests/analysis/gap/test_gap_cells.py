@@ -145,7 +145,7 @@ def test_repeats_that_share_a_ripple_far_above_their_noise_are_no_copies() -> No
 def test_a_run_that_is_too_short_or_too_empty_is_refused() -> None:
     rng = np.random.default_rng(3)
     with pytest.raises(ConfigurationError, match="too short"):
-        check_runs([made_run("a", stimulus(100), rng)])
+        check_runs([made_run("a", stimulus(60), rng)])
     run = made_run("a", stimulus(1000), rng)
     spoiled = run.output_dph.copy()
     spoiled[::3] = spoiled[1::3] = np.nan

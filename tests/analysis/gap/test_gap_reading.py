@@ -10,7 +10,7 @@ import pytest
 from bench.analysis.gap import Model, diagnose
 from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._rate import RateSignal
-from bench.analysis.gap._reading import _step_deg, _within_a_step, without_reading_noise
+from bench.analysis.gap._reading import _dwells, _step_deg, _within, without_reading_noise
 from simulators.effects import Stimulus
 from tests.analysis.gap.conftest import made_run, stimulus
 
@@ -67,6 +67,33 @@ def test_a_move_that_comes_half_a_sample_late_decides_nothing() -> None:
     (even,), notes = without_reading_noise([replace(made, stimulus=_read(s, 24))])
     np.testing.assert_allclose(even.stimulus.table_rate_dps, rate_dps, atol=1e-4)
     assert "read with a noise" in notes[0]
+
+
+def test_each_rate_has_a_scatter_of_its_own_and_tails_of_moves_are_cut_off() -> None:
+    """Rounded stamps make a noise in proportion to the rate; what settles after a move is no scatter."""
+    rates_dps = np.array([0.0, 2.0, -5.0, 50.0, -100.0, 100.0])
+    rate_dps = np.repeat(rates_dps, 100)
+    tail = np.where(np.arange(100) < 8, 0.02 * np.exp(-np.arange(100) / 2.0), 0.0)
+    rate_dps += np.sign(rate_dps) * np.tile(tail, 6)
+    true = np.concatenate(([10.0], 10.0 + np.cumsum(rate_dps)))
+    late_s = np.random.default_rng(4).uniform(-5e-5, 5e-5, len(true))
+    s = replace(stimulus(600, cold=False), angle_deg=true + late_s * np.append(rate_dps, rate_dps[-1]))
+    dwells = list(_dwells(0, made_run("steps", s, np.random.default_rng(5))))
+    middles = [rate_dps[(each.edges.start + each.edges.stop) // 2] for each in dwells]
+    assert middles == rates_dps[1:].tolist()
+    for dwell, rate in zip(dwells[2:], rates_dps[3:], strict=True):
+        assert 85 <= dwell.edges.stop - dwell.edges.start <= 101
+        slope = (dwell.line_deg[-1] - dwell.line_deg[0]) / (len(dwell.line_deg) - 1)
+        # 60 samples of 5e-5 s / sqrt(3) at that rate, and the tail's 0.02 deg that the ends may keep
+        assert abs(slope - rate) < 5e-6 * abs(rate) + 2e-4
+        assert np.std(dwell.beside_deg) == pytest.approx(abs(rate) * 5e-5 / 3.0**0.5, rel=0.4)
+
+
+def test_a_stretch_whose_angle_walks_keeps_its_ends() -> None:
+    rate = np.random.default_rng(6).normal(1.0, 1e-4, 300)
+    s = replace(stimulus(300, cold=False), angle_deg=np.concatenate(([0.0], np.cumsum(rate))))
+    (dwell,) = _dwells(0, made_run("tachometer", s, np.random.default_rng(7)))
+    assert dwell.edges == slice(0, 301) and dwell.line_deg[-1] == pytest.approx(float(rate.sum()))
 
 
 def test_what_the_gyro_is_too_noisy_to_decide_stays() -> None:
@@ -148,7 +175,7 @@ def test_what_is_cut_off_a_stretch_is_the_end_that_creeps() -> None:
     creep = 6.0 * STEP_DEG * np.exp(-np.arange(60.0) / 3.0)
     for angle, kept in ((even - creep, slice(10, 60)), (even + creep[::-1], slice(0, 50))):
         read = STEP_DEG * np.round(angle / STEP_DEG)
-        found = _within_a_step(read, slice(0, 60), STEP_DEG)
+        found = _within(read, slice(0, 60), 0.75 * STEP_DEG)
         assert abs(found.start - kept.start) <= 4 and abs(found.stop - kept.stop) <= 4
 
 

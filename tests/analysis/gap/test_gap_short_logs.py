@@ -64,6 +64,24 @@ def test_a_log_of_fewer_rows_than_time_scales_need_is_refused(tmp_path):
         diagnose(read_recordings([log(tmp_path, "n", noise(2.5, 1))]).runs, MODEL)
 
 
+def test_a_run_that_was_aborted_early_is_left_out_and_said_to_be(tmp_path):
+    """Seconds of rows at 100 Hz; 40 s of rows a second are 40 samples."""
+    files = [log(tmp_path, f"n{seed}", noise(300, seed)) for seed in range(3)]
+    aborted = log(tmp_path, "aborted", noise(300, 9)[:: round(RATE_HZ)])
+    text = (tmp_path / "aborted.csv").read_text().splitlines()
+    rows = [text[0], *(f"{k},{line.split(',')[1]}" for k, line in enumerate(text[1:42]))]
+    (tmp_path / "aborted.csv").write_text("\n".join(rows) + "\n")
+    given = read_recordings([*files, aborted])
+    for runs, held_out in ((given.runs, ()), (given.runs[:2], given.runs[2:])):
+        found = diagnose(runs, MODEL, held_out)
+        assert found.verdict in ("no gap", "nothing to identify")
+        (said,) = [text for text in found.rate.warnings if "left out" in text]
+        assert "aborted" in said and "40 samples" in said and "64" in said
+    with pytest.raises(ConfigurationError, match="too short") as refused:
+        diagnose(given.runs[3:], MODEL)
+    assert "rows a second" in refused.value.remedy
+
+
 @pytest.mark.parametrize(("told", "warned"), [("", True), ("power_on_s = 0.0\n", False)])
 def test_a_warm_up_is_any_drift_that_settles_where_nobody_told_the_power_on(tmp_path, told, warned):
     time_s = np.arange(round(1500 * RATE_HZ)) / RATE_HZ

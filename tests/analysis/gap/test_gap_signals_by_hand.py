@@ -114,7 +114,7 @@ def test_three_fifths_of_a_run_may_be_missing(missing, refused):
         assert told.value.found == "60 %"
     else:
         check_runs([run])
-    for count, short in ((256, False), (255, True)):
+    for count, short in ((64, False), (63, True)):
         if short:
             with pytest.raises(ConfigurationError, match="too short"):
                 check_runs([cut(run_of("r"), count)])
