@@ -10,6 +10,7 @@ from pathlib import Path
 
 from benchmarks._sections import stamp
 from benchmarks.gap_exam._answer import answer_all
+from benchmarks.gap_exam._claims import claims_of, claims_table
 from benchmarks.gap_exam._families import FAMILIES, make_cases
 from benchmarks.gap_exam._make import KINDS
 from benchmarks.gap_exam._rotate import rotate, rotation_table
@@ -40,6 +41,10 @@ def main(words: Sequence[str] | None = None) -> int:
         help="answer cases with constants changed; with several folders a table, each left out in turn",
     )
     rotating.add_argument("folders", type=Path, nargs="+")
+    claiming = commands.add_parser(
+        "claims", help="how often what was stated is true, by its size and what is left"
+    )
+    claiming.add_argument("folders", type=Path, nargs="+")
     scoring = commands.add_parser("score", help="print the table, a column a folder")
     scoring.add_argument("folders", type=Path, nargs="+")
     scoring.add_argument("--details", action="store_true", help="a line a case, too")
@@ -59,6 +64,10 @@ def main(words: Sequence[str] | None = None) -> int:
                 print(f"{folder.name}: {name}", flush=True)
         if len(chosen.folders) > 1:
             print("\n".join(rotation_table(chosen.folders)))
+    elif chosen.command == "claims":
+        if len(chosen.folders) < 2:
+            parser.error("claims judges each family by the others: name two folders or more")
+        print("\n".join(claims_table(list(claims_of(chosen.folders)))))
     else:
         _score(chosen.folders, with_details=chosen.details, write=chosen.write)
     return 0

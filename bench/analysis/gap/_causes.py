@@ -19,7 +19,7 @@ from bench.analysis.gap._which import Found, set_weights
 from drivers.base.arrays import Array
 from simulators.effects import Input, Variant
 
-_GENUINE = (1.4, 1.9, -1.1, -0.9)
+_GENUINE = (1.1, 1.7, -1.0, -0.5)
 """Log odds that what looks like an effect is one: at ten standard deviations with a hundredth left where it acts;
 for e times as many; for ten times as much left; beside something unknown. Fitted to 662 claims of the exams."""
 _FEWEST_SIGMAS, _MOST_SIGMAS, _LEAST_LEFT = 3.0, 20.0, 1e-3
