@@ -260,6 +260,21 @@ def test_a_map_of_regimes_holds_energies_against_how_many_there_are():
     assert regime_map([group], [np.zeros((1, 3999))], floor, SHEET, {}) == []
 
 
+def test_a_short_run_of_a_profile_adds_nothing_to_bands_that_it_has_not():
+    """128 s have no coefficient slower than 256 s: the slowest bands are those of the long run alone."""
+    long, short = (
+        made_run(name, stimulus(n, cold=False), np.random.default_rng(n))
+        for name, n in (("l", 4000), ("s", 128))
+    )
+    groups = [Group("shock", ("0",), ((run,),)) for run in (long, short)]
+    floor = Floor(np.ones(len(BANDS)), np.zeros(len(BANDS)), from_repeats=True)
+    left = [np.full((1, 3999), 2.0), np.full((1, 127), 2.0)]
+    slow = {"shock": {0, 1}}
+    assert regime_map(groups, left, floor, SHEET, slow) == regime_map(
+        groups[:1], left[:1], floor, SHEET, slow
+    )
+
+
 def test_intervals_of_what_has_a_sign_are_the_same_on_both_sides():
     for regime in REGIMES:
         assert list(regime.edges) == sorted(set(regime.edges))
