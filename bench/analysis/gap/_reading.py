@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from bench.analysis.gap._data import SIGMA_OF_SECOND_DIFFERENCES, GapRun
 from drivers.base.arrays import Array
@@ -115,9 +116,7 @@ def _stretches(change: Array, step_deg: float) -> Iterator[slice]:
     if step_deg:
         yield from _between(change, _ONE_STEP * step_deg, 0)
         return
-    medians = np.array(
-        [np.median(change[at : at + _BLOCK]) for at in range(max(len(change) - _BLOCK, 0) + 1)]
-    )
+    medians = np.median(sliding_window_view(change, min(_BLOCK, len(change))), axis=1)
     at = np.arange(len(change))
     before, after = (medians[np.clip(part, 0, len(medians) - 1)] for part in (at - _BLOCK, at + 1))
     for piece in _between(change, _CHANGES * np.maximum(before, after), 0):
