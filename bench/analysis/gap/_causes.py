@@ -25,6 +25,7 @@ for e times as many; for ten times as much left; beside something unknown. Fitte
 _FEWEST_SIGMAS, _MOST_SIGMAS, _LEAST_LEFT = 3.0, 20.0, 1e-3
 """Standard deviations, and the part left, beyond which those claims are no more and no less often true."""
 _LEAST_GENUINE = 0.5
+"""Probability below which a cause beside something unknown only resembles one."""
 _SURE = 0.8
 """Probability that a cause beside something unknown needs: the unknown often resembles several effects a bit.
 
@@ -90,7 +91,8 @@ def causes_of(
         does[candidate.effect] = _energy(acting, gram)
         common = prevalence(found.data.cells, found.before, acting, best.rest)
         doubt = unknown > 0.5 and (trust < CREDIBLE or common < PREVALENT or place < _SURE)
-        doubt |= not _nameable(one_of, weights) or stated.set_probability < _LEAST_GENUINE
+        doubt |= unknown > 0.5 and stated.set_probability < _LEAST_GENUINE
+        doubt |= not _nameable(one_of, weights)
         if doubt or absorbed(variants[member].effect, curves):
             # fitted beside a curve it would not stand alone
             alone = _fitted(member, best.without_curves, found, variants, q)
