@@ -7,7 +7,6 @@ left where it acts, and on whether something unknown stands beside it.
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import expit
 
+from bench.analysis.gap._causes import evidence
 from benchmarks.gap_exam._score import marked_cases
 from drivers.base.arrays import Array
 
@@ -108,18 +108,9 @@ def claims_table(claims: Sequence[Claim]) -> list[str]:
 
 
 def _columns(claims: Sequence[Claim]) -> Array:
-    """Return constant, size, what is left, and the unknown, as the diagnosis takes them, (claims, 4)."""
-    return np.array(
-        [
-            (
-                1.0,
-                math.log(min(max(each.sigmas, 3.0), 20.0) / 10.0),
-                math.log10(max(each.left, 1e-3) / 0.01),
-                float(each.unknown),
-            )
-            for each in claims
-        ]
-    ).reshape(-1, 4)
+    """Return what the diagnosis takes the log odds of each claim to be linear in, (claims, 4)."""
+    rows = [evidence(each.sigmas, each.left, unknown=each.unknown) for each in claims]
+    return np.array(rows).reshape(-1, 4)
 
 
 def _true(claims: Sequence[Claim]) -> NDArray[np.bool_]:

@@ -19,7 +19,7 @@ from bench.analysis.gap._which import Found, set_weights
 from drivers.base.arrays import Array
 from simulators.effects import Input, Variant
 
-_GENUINE = (1.1, 1.7, -1.0, -0.5)
+_GENUINE = np.array([1.1, 1.7, -0.9, -0.5])
 """Log odds that what looks like an effect is one: at ten standard deviations with a hundredth left where it acts;
 for e times as many; for ten times as much left; beside something unknown. Fitted to 662 claims of the exams."""
 _FEWEST_SIGMAS, _MOST_SIGMAS, _LEAST_LEFT = 3.0, 20.0, 1e-3
@@ -172,10 +172,13 @@ def _genuine(term: Term, trust: float, unknown: float) -> float:
     sigmas = max(
         abs(value) / max(sigma, 1e-300) for value, sigma in zip(term.values, term.sigmas, strict=True)
     )
+    return float(expit(_GENUINE @ evidence(sigmas, 1.0 - trust, unknown=unknown > 0.5)))
+
+
+def evidence(sigmas: float, left: float, *, unknown: bool) -> Array:
+    """Return what the log odds of a claim are linear in: constant, size, part left, something unknown; (4,)."""
     size = math.log(min(max(sigmas, _FEWEST_SIGMAS), _MOST_SIGMAS) / 10.0)
-    left = math.log10(max(1.0 - trust, _LEAST_LEFT) / 0.01)
-    own, by_size, by_left, beside = _GENUINE
-    return float(expit(own + by_size * size + by_left * left + beside * (unknown > 0.5)))
+    return np.array([1.0, size, math.log10(max(left, _LEAST_LEFT) / 0.01), float(unknown)])
 
 
 def _starts(own: Term, late: Term) -> bool:

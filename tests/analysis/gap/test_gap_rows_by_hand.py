@@ -223,15 +223,21 @@ def test_ticks_that_are_three_times_the_noise_are_enough_if_there_are_a_few():
     assert true_times(stamps, rate, 5.0 * stamps) == (stamps, True)
 
 
-def test_moves_that_come_late_are_no_evidence_beside_a_slow_turn():
-    """At every tick a move of 5 deg that the gyro sees a row later: both readings are off by 25 deg/s there."""
-    stamps, even, rate = _ticked(150.0, seconds=300.0, dps=0.5)
+def _moved_late(stamps, rate):
+    """A table's angle that moves 5 deg at every tick, and a gyro's output that has each move a row later."""
     ticks = np.flatnonzero(np.diff(stamps) > 0.2005)
     moved = np.zeros(len(stamps))
     moved[ticks + 1] = 5.0
     late = rate.copy()
     late[np.minimum(ticks + 2, len(rate) - 1)] += 5.0 / 0.2
-    _, known = true_times(stamps, late, 0.5 * even + np.cumsum(moved))
+    return np.cumsum(moved), late
+
+
+def test_moves_that_come_late_are_no_evidence_beside_a_slow_turn():
+    """At every tick a move of 5 deg that the gyro sees a row later: both readings are off by 25 deg/s there."""
+    stamps, even, rate = _ticked(150.0, seconds=300.0, dps=0.5)
+    moved, late = _moved_late(stamps, rate)
+    _, known = true_times(stamps, late, 0.5 * even + moved)
     assert not known
 
 
@@ -258,13 +264,9 @@ def test_runs_of_true_stamps_have_one_period_however_they_begin():
 def test_what_neither_reading_of_the_stamps_explains_decides_nothing():
     """Moves that the gyro sees a row late, at every tick: each alone would be far more than the noise."""
     stamps, _, rate = _ticked(150.0, seconds=300.0, dps=0.0)
-    ticks = np.flatnonzero(np.diff(stamps) > 0.2005)
-    turned = np.zeros(len(stamps))
-    turned[ticks + 1] = 5.0
-    late = rate.copy()
-    late[np.minimum(ticks + 2, len(rate) - 1)] += 5.0 / 0.2
-    assert true_times(stamps, late, np.cumsum(turned)) == (stamps, False)
-    assert true_times(stamps, np.full(len(rate), np.nan), np.cumsum(turned)) == (stamps, False)
+    turned, late = _moved_late(stamps, rate)
+    assert true_times(stamps, late, turned) == (stamps, False)
+    assert true_times(stamps, np.full(len(rate), np.nan), turned) == (stamps, False)
     assert true_times(stamps, rate, np.zeros(len(rate))) == (stamps, False)
 
 

@@ -117,7 +117,7 @@ def rows_of(seed=1):
 def genuine(term, unknown=False):
     """How sure a cause is with nothing left where it acts: by its standard deviations, 20 at most."""
     sigmas = max(abs(value) / sigma for value, sigma in zip(term.values, term.sigmas, strict=True))
-    return 1.0 / (1.0 + math.exp(-(1.1 + 1.7 * math.log(min(sigmas, 20.0) / 10.0) + 1.0 - 0.5 * unknown)))
+    return 1.0 / (1.0 + math.exp(-(1.1 + 1.7 * math.log(min(sigmas, 20.0) / 10.0) + 0.9 - 0.5 * unknown)))
 
 
 def test_a_cause_is_as_sure_as_its_size_what_is_left_and_the_unknown_beside_it_make_it():
@@ -127,8 +127,8 @@ def test_a_cause_is_as_sure_as_its_size_what_is_left_and_the_unknown_beside_it_m
     assert sure(10.0, 0.01) == pytest.approx(1.0 / (1.0 + math.exp(-1.1)))
     twice = 1.0 / (1.0 + math.exp(-1.1 - 1.7 * math.log(2.0)))
     assert sure(20.0, 0.01) == sure(90.0, 0.01) == pytest.approx(twice)
-    assert sure(10.0, 0.001) == sure(10.0, 0.0) == pytest.approx(1.0 / (1.0 + math.exp(-2.1)))
-    assert sure(10.0, 0.1, 0.6) == pytest.approx(1.0 / (1.0 + math.exp(0.4)))
+    assert sure(10.0, 0.001) == sure(10.0, 0.0) == pytest.approx(1.0 / (1.0 + math.exp(-2.0)))
+    assert sure(10.0, 0.1, 0.6) == pytest.approx(1.0 / (1.0 + math.exp(0.3)))
     assert sure(3.0, 0.01) == sure(1.0, 0.01) < 0.3 < sure(5.0, 0.01) < 0.5
 
 
