@@ -83,8 +83,7 @@ def mixing(group: Group) -> tuple[list[str], list[bool], Array]:
 
 def mixed_whitened(group: Group, stacked: NDArray[Any], noise: Noise) -> Array:
     """Return the parity runs, whitened, from the runs' coefficients (runs, p, n - 1), condition-major."""
-    n = stacked.shape[2] + 1
-    power = power_of(noise, n, group.runs[0][0].stimulus.period_s)
+    power = power_in(group, noise)
     mix = mixing(group)[2]
     scale = (1.0 / np.sqrt(power)).astype(stacked.dtype)
     result = np.tensordot(mix.astype(stacked.dtype), stacked, axes=1) if len(mix) > 1 else stacked.copy()
@@ -146,6 +145,12 @@ def _helmert(n: int) -> Array:
     return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
 
 
+def power_in(group: Group, noise: Noise) -> Array:
+    """Return the power of noise in a group's coefficients (n - 1,), (deg/h)^2, with its angle's scatter."""
+    s = group.flat[0].stimulus
+    return power_of(noise.beside(group.known_noise), len(s), s.period_s)
+
+
 def left_of_noise(group: Group, filled_for: Noise, noise: Noise) -> Array:
     """Return the power of noise with gaps bridged over that without gaps, (n - 1,), mean of the group's runs."""
     period_s = group.flat[0].stimulus.period_s
@@ -162,7 +167,7 @@ def whitened_rows(
     """
     n, period_s = stack.full.shape[2] + 1, group.runs[0][0].stimulus.period_s
     mix = mixing(group)[2]
-    power = power_of(noise, n, period_s) * np.maximum(left_of_noise(group, stack.filled_for, noise), 1.0)
+    power = power_in(group, noise) * np.maximum(left_of_noise(group, stack.filled_for, noise), 1.0)
     sizes = [part.stop - part.start for part in band_slices(n, period_s) if part.stop > part.start]
     deviation = np.sqrt(power * np.repeat(variance.reshape(len(sizes), len(mix)), sizes, axis=0).T)
 
@@ -193,7 +198,7 @@ def _floored(
     group: Group, filled_for: Noise, noise: Noise, floor: Array, mix: Array
 ) -> Callable[[NDArray[Any]], Array]:
     n, period_s = len(group.flat[0].stimulus), group.flat[0].stimulus.period_s
-    power = power_of(noise, n, period_s) * np.maximum(left_of_noise(group, filled_for, noise), 1.0)
+    power = power_in(group, noise) * np.maximum(left_of_noise(group, filled_for, noise), 1.0)
     sizes = [part.stop - part.start for part in band_slices(n, period_s)]
     deviation = np.sqrt(power * np.repeat(floor, sizes))
 
@@ -215,7 +220,7 @@ def group_cells(group: Group, stack: Stack, noise: Noise) -> list[Cell]:
     """Return the cells of a group from its runs' coefficients of [data, columns]."""
     n, period_s = stack.full.shape[2] + 1, group.runs[0][0].stimulus.period_s
     names, repeatable, mix = mixing(group)
-    power = power_of(noise, n, period_s) * np.maximum(left_of_noise(group, stack.filled_for, noise), 1.0)
+    power = power_in(group, noise) * np.maximum(left_of_noise(group, stack.filled_for, noise), 1.0)
     known = np.minimum(left_of_noise(group, stack.filled_for, noise), 1.0)
     parts = band_slices(n, period_s)
     flat = [part for part in parts if part.stop > part.start]

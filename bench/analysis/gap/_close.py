@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from bench.analysis.gap._cells import BANDS, Cell, band_slices, group_cells, rescaled
+from bench.analysis.gap._cells import BANDS, Cell, band_slices, group_cells, power_in, rescaled
 from bench.analysis.gap._data import GapRun, check_runs, group_runs
 from bench.analysis.gap._disturbed import without_disturbances
 from bench.analysis.gap._findings import SIGNIFICANT, Shrinkage, refuse_judges
 from bench.analysis.gap._fit import Floor, counts
 from bench.analysis.gap._model_file import Model
-from bench.analysis.gap._noise import power_of
 from bench.analysis.gap._stack import stacked, transformed
 from bench.analysis.gap._where import holm, in_time
 from drivers.base.arrays import Array
@@ -143,7 +142,7 @@ def _shares_by_phase(
     for group in group_runs(runs):
         for run in group.flat:
             n, period_s = len(run.stimulus), run.stimulus.period_s
-            power = power_of(after.noise, n, period_s)
+            power = power_in(group, after.noise)
             own = transformed(run, left_by(run, (before, after)), after.noise) / np.sqrt(power)
             for band in bands.get(group.profile, set()):
                 part = band_slices(n, period_s)[band]

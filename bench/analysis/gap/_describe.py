@@ -9,13 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.fft import idct
 
+from bench.analysis.gap._cells import power_in
 from bench.analysis.gap._findings import SIGNIFICANT, Place
 from bench.analysis.gap._fit import Solution
 from bench.analysis.gap._generic import INPUTS, FreeCurve
 from bench.analysis.gap._jumps import Jumps
 from bench.analysis.gap._lines import SpectralLine
 from bench.analysis.gap._model_file import Term
-from bench.analysis.gap._noise import Noise, power_of
+from bench.analysis.gap._noise import Noise
 from bench.analysis.gap._prepare import Prepared
 from bench.analysis.gap._where import RegimePlace, regime_map
 from bench.analysis.gap._which import Found, left_of_runs
@@ -201,7 +202,7 @@ def differing_parts(
         n = left.shape[1] + 1
         coefficients = np.zeros((len(left), n))
         slow = math.ceil(2.0 * n * period_s / max(noise.correlation_time_s, 20.0 * period_s))
-        coefficients[:, 1 : slow + 1] = (left * np.sqrt(power_of(noise, n, period_s)))[:, :slow]
+        coefficients[:, 1 : slow + 1] = (left * np.sqrt(power_in(group, noise)))[:, :slow]
         curves = idct(coefficients, norm="ortho", axis=-1)
         number = np.repeat(np.arange(len(group.runs)), [len(repeats) for repeats in group.runs])
         means = np.stack([curves[number == k].mean(axis=0) for k in range(len(group.runs))])

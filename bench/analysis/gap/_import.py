@@ -15,6 +15,7 @@ from bench.analysis.gap._log_rows import even_rows, finest_angle_deg, held_rows
 from bench.analysis.gap._mapped import MappedLog, imported_log, mapped_logs
 from bench.analysis.gap._other_axes import OtherAxes, other_axes
 from bench.analysis.gap._rows import Steps, steady_beside, true_times
+from bench.analysis.gap._stamp_noise import StampNoise
 from bench.record.exchange import Log, LogEntry, Mapping
 from bench.record.recording import Run, names_at
 from drivers.base.arrays import Array
@@ -92,6 +93,7 @@ def rate_of(made: MappedLog, gyro: str | None = None) -> GapRun:
         unknown_dph=around.unknown_dph,
         unknown_time_s=around.rest_s,
         power_on_told=entry.power_on_s is not None,
+        stamp_noise=None if turned_deg is None else _stamp_noise(steps),
     )
 
 
@@ -172,6 +174,13 @@ def _stimulus(
         around.force_g,
         around.cross_rate_dph,
     ), around
+
+
+def _stamp_noise(steps: Steps) -> StampNoise | None:
+    if steps.time_sigma_s == 0.0:
+        return None
+    span_s = np.where(steps.whole, steps.stops_s - steps.starts_s, steps.period_s)
+    return StampNoise(np.full(steps.count + 1, steps.time_sigma_s), span_s)
 
 
 def _phases(entry: LogEntry, times_s: Array) -> NDArray[np.str_]:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.fft import idct
 from scipy.ndimage import median_filter
 
+from bench.analysis.gap._cells import power_in
 from bench.analysis.gap._fit import Solution
-from bench.analysis.gap._noise import power_of
 from bench.analysis.gap._prepare import Prepared
 from bench.analysis.gap._which import left_of_runs
 from drivers.base.arrays import Array
@@ -50,7 +50,7 @@ def find_jumps(data: Prepared, solution: Solution) -> Jumps | None:
             continue
         period_s, n = group.flat[0].stimulus.period_s, left.shape[1] + 1
         coefficients = np.zeros((len(left), n))
-        coefficients[:, 1:] = left * np.sqrt(power_of(data.noise.noise, n, period_s))
+        coefficients[:, 1:] = left * np.sqrt(power_in(group, data.noise.noise))
         curves = idct(coefficients, norm="ortho", axis=-1)
         first = 0
         for repeats in group.runs:

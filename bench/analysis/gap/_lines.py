@@ -10,8 +10,9 @@ import numpy as np
 from scipy.fft import dct
 from scipy.stats import chi2
 
+from bench.analysis.gap._cells import power_in
 from bench.analysis.gap._data import GapRun, Group
-from bench.analysis.gap._noise import Noise, spectrum
+from bench.analysis.gap._noise import Noise
 from drivers.base.arrays import Array
 
 _WIDTH = 8
@@ -101,7 +102,7 @@ def strongest_line(
             continue
         middle = (k + 0.5) * _WIDTH + 0.5  # window 0 holds the coefficients 1 .. 8
         own_s = 2.0 * (residual.shape[1] + 1) * period_s / middle
-        power = float(spectrum(noise, np.array([middle / (residual.shape[1] + 1)]), period_s)[0])
+        power = float(np.mean([power_in(groups[each], noise)[round(middle) - 1] for each in pool]))
         amplitude = math.sqrt(2.0 * excess * power / residual.size)
         rate = max(float(np.median(np.abs(run.stimulus.table_rate_dps))) for run in runs)
         names = ", ".join(run.profile for run in runs)

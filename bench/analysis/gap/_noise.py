@@ -43,6 +43,14 @@ class Noise:
         """The four of IEEE Std 952 by name, as a model file has them."""
         return {name: float(getattr(self, name)) for name in NAMES}
 
+    def beside(self, known: Noise) -> Noise:
+        """Return the noise together with white noise and quantisation that are no gyro's."""
+        return replace(
+            self,
+            arw_deg_per_sqrt_h=math.hypot(self.arw_deg_per_sqrt_h, known.arw_deg_per_sqrt_h),
+            quantum_arcsec=math.hypot(self.quantum_arcsec, known.quantum_arcsec),
+        )
+
     @property
     def coarseness(self) -> float:
         """How many times coarser than 0.02 deg/sqrt(h) and 0.1 deg/h the gyro is, 1 for a better one.
@@ -53,6 +61,7 @@ class Noise:
 
 
 CORRELATED = "correlated_dph"
+NOTHING = Noise(0.0)
 NAMES = tuple(field.name for field in fields(Noise) if not field.name.startswith("correl"))
 _ALL = (*NAMES, CORRELATED)
 
@@ -100,16 +109,29 @@ def power_of(noise: Noise, n: int, period_s: float) -> Array:
 
 @dataclass(frozen=True)
 class Periodogram:
-    """DCT power gathered in bins: mean frequency, sum of squares and count, each (bins,)."""
+    """DCT power gathered in bins: mean frequency, sum of squares and count, each (bins,).
+
+    `beside`: noise that is there beside the gyro's, and known: of the angle it is compared with.
+    """
 
     frequency: Array
     energy: Array
     count: Array
     period_s: float
+    beside: Noise = NOTHING
+
+    def power(self, noise: Noise) -> Array:
+        """Return the power per coefficient in each bin, (bins,), of a gyro's noise and of what is known."""
+        return spectrum(noise.beside(self.beside), self.frequency, self.period_s)
 
 
 def periodogram(
-    coefficients: Array, period_s: float, known: Array | None = None, *, skip: int = 1
+    coefficients: Array,
+    period_s: float,
+    known: Array | None = None,
+    *,
+    skip: int = 1,
+    beside: Noise = NOTHING,
 ) -> Periodogram:
     """Gather DCT coefficients (rows, n) of residuals of one length in 8 bins an octave, `skip` lowest left out.
 
@@ -125,7 +147,7 @@ def periodogram(
     count = np.asarray(np.bincount(bins, part), dtype=np.float64)
     mean = np.asarray(np.bincount(bins, part * index / n) / count, dtype=np.float64)
     energy = np.asarray(np.bincount(bins, part * power), dtype=np.float64)
-    return Periodogram(mean, energy, count * rows, period_s)
+    return Periodogram(mean, energy, count * rows, period_s, beside)
 
 
 @dataclass(frozen=True)
@@ -146,6 +168,7 @@ def fit_noise(data: Sequence[Periodogram], sheet: Noise, widths: dict[str, float
     energy = np.concatenate([each.energy for each in data])
     count = np.concatenate([each.count for each in data])
     unit = np.concatenate([unit_spectra(part.frequency, part.period_s, sheet) for part in data], axis=1)
+    beside = np.concatenate([spectrum(part.beside, part.frequency, part.period_s) for part in data])
     start = np.array([getattr(sheet, name) for name in _ALL])
     at = [_ALL.index(name) for name in free]
     centre = np.log(np.maximum(start[at], _LEAST))
@@ -154,7 +177,7 @@ def fit_noise(data: Sequence[Periodogram], sheet: Noise, widths: dict[str, float
     def cost(log: Array) -> tuple[float, Array]:
         values = start.copy()
         values[at] = np.exp(log)
-        power = values**2 @ unit
+        power = values**2 @ unit + beside
         ratio = energy / power
         slope = count - ratio
         away = (log - centre) / width

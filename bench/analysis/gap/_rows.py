@@ -41,7 +41,8 @@ class Steps:
 
     A row belongs to the step that its middle lies in; after a pause it covers the usual time between rows, and
     what lies before it is missing. `use` (m,) are the rows with a value; `starts_s`, `stops_s` (count,) what
-    those of a step cover, `whole` (count,) whether that is all of it.
+    those of a step cover, `whole` (count,) whether that is all of it. `time_sigma_s`: standard deviation of
+    `time_s` where it is stamps that are rounded; 0 on a grid.
     """
 
     time_s: Array
@@ -53,6 +54,7 @@ class Steps:
     whole: NDArray[np.bool_]
     usual_s: float
     period_s: float
+    time_sigma_s: float = 0.0
 
     @classmethod
     def of(
@@ -85,7 +87,8 @@ class Steps:
         np.maximum.at(stops, own, time_s[use])
         slack = _UNCOVERED * usual_s
         whole = (covered > period_s - slack) & (stops - starts < covered + slack)
-        return cls(time_s, covers, owner, use, starts, stops, whole, usual_s, period_s)
+        sigma_s = 0.0 if even and not stamped else 10.0 ** -_digits(time_s) / math.sqrt(12.0)
+        return cls(time_s, covers, owner, use, starts, stops, whole, usual_s, period_s, sigma_s)
 
     @property
     def count(self) -> int:

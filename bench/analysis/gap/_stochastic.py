@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import softmax
 
-from bench.analysis.gap._cells import left_of_noise, mixed_whitened, mixing
+from bench.analysis.gap._cells import left_of_noise, mixed_whitened, mixing, power_in
 from bench.analysis.gap._data import Group
 from bench.analysis.gap._fit import solve
 from bench.analysis.gap._noise import (
@@ -22,8 +22,6 @@ from bench.analysis.gap._noise import (
     Periodogram,
     fit_noise,
     periodogram,
-    power_of,
-    spectrum,
 )
 from drivers.base.arrays import Array
 
@@ -112,10 +110,7 @@ def judge_noise(data: Sequence[Periodogram], sheet: Noise, source: str) -> Noise
 
 def _raised(data: Sequence[Periodogram], noise: Noise, usual: Noise) -> bool:
     """Return whether noise has clearly more power than usual somewhere: it is never quite of its kind."""
-    ratios = [
-        spectrum(noise, part.frequency, part.period_s) / spectrum(usual, part.frequency, part.period_s)
-        for part in data
-    ]
+    ratios = [part.power(noise) / part.power(usual) for part in data]
     return max(float(ratio.max()) for ratio in ratios) > _LEAST_POWER
 
 
@@ -177,8 +172,9 @@ def _less_nominal(parity_runs: Array, sigmas: Array) -> Array:
 
 def _coloured(group: Group, left: Array, sheet: Noise, skip: int = 1) -> Periodogram:
     """Return the periodogram of residuals in deg/h again, from whitened rows (m, n - 1)."""
-    n, period_s = left.shape[1] + 1, group.runs[0][0].stimulus.period_s
+    period_s = group.runs[0][0].stimulus.period_s
     bridged = left_of_noise(group, sheet, sheet)
-    padded = np.zeros((len(left), n))
-    padded[:, 1:] = left * np.sqrt(power_of(sheet, n, period_s) / bridged)
-    return periodogram(padded, period_s, np.minimum(bridged, 1.0), skip=skip)
+    padded = np.zeros((len(left), left.shape[1] + 1))
+    padded[:, 1:] = left * np.sqrt(power_in(group, sheet) / bridged)
+    known = np.minimum(bridged, 1.0)
+    return periodogram(padded, period_s, known, skip=skip, beside=group.known_noise)

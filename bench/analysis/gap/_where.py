@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from scipy.fft import idct
 from scipy.stats import chi2
 
-from bench.analysis.gap._cells import BANDS, Cell, band_slices, mixing
+from bench.analysis.gap._cells import BANDS, Cell, band_slices, mixing, power_in
 from bench.analysis.gap._data import GapRun, Group
 from bench.analysis.gap._findings import SIGNIFICANT, Place
 from bench.analysis.gap._fit import Floor, counts
-from bench.analysis.gap._noise import Noise, power_of
+from bench.analysis.gap._noise import Noise
 from drivers.base.arrays import Array
 from simulators.effects import REFERENCE_C, Stimulus
 
@@ -83,7 +83,7 @@ def phase_map(groups: Sequence[Group], residuals: Sequence[Array], floor: Floor,
         n, period_s = residual.shape[1] + 1, run.stimulus.period_s
         kept = residual[[k for k, same in enumerate(mixing(group)[1]) if same]]
         phases = [str(name) for name in dict.fromkeys(run.phase.tolist())]
-        power = power_of(noise, n, period_s)
+        power = power_in(group, noise)
         for band, part in enumerate(band_slices(n, period_s)):
             if part.stop <= part.start:
                 continue
@@ -142,7 +142,7 @@ def regime_map(
     for group, residual in zip(groups, residuals, strict=True):
         for run, own in zip(group.flat, residual, strict=True):
             n, period_s = len(own) + 1, run.stimulus.period_s
-            power = power_of(noise, n, period_s)
+            power = power_in(group, noise)
             energy, excess = np.zeros(n), np.zeros(n)
             dof = 0.0
             for band, part in enumerate(band_slices(n, period_s)):

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.analysis.gap._candidates import candidates_of, possible_candidates
-from bench.analysis.gap._cells import cells_in, whitened_rows
+from bench.analysis.gap._cells import cells_in, power_in, whitened_rows
 from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._evidence import SetPosterior, reduced, search
 from bench.analysis.gap._fit import (
@@ -36,7 +36,6 @@ from bench.analysis.gap._judged import (
 )
 from bench.analysis.gap._lines import SpectralLine, strongest_line
 from bench.analysis.gap._model_file import Model
-from bench.analysis.gap._noise import power_of
 from bench.analysis.gap._prepare import Prepared, gathered, narrowed, noise_beside
 from bench.analysis.gap._refine import best_of_each, between_grid_points, sets_of_note
 from bench.analysis.gap._stack import stacked
@@ -273,7 +272,5 @@ def left_of_runs(data: Prepared, solution: Solution) -> list[Array]:
         left = stack.chosen([0])[:, 0] - np.tensordot(
             stack.chosen(solution.indices), solution.values, axes=(1, 0)
         )
-        n = left.shape[1] + 1
-        power = power_of(data.noise.noise, n, group.runs[0][0].stimulus.period_s)
-        result.append(left / np.sqrt(power))
+        result.append(left / np.sqrt(power_in(group, data.noise.noise)))
     return result

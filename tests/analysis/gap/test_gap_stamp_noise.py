@@ -1,0 +1,122 @@
+"""Rounded stamps of rows that a logger polls: noise of the table's rate that is known, and no gap."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.fft import dct
+
+from bench.analysis.gap._align import aligned
+from bench.analysis.gap._cells import power_in
+from bench.analysis.gap._data import GapRun, cut, group_runs
+from bench.analysis.gap._diagnose import diagnose
+from bench.analysis.gap._import import read_mapped_runs
+from bench.analysis.gap._model_file import Model
+from bench.analysis.gap._noise import Noise, periodogram
+from bench.analysis.gap._reading import without_reading_noise
+
+_DIGIT_S, _SECONDS, _PEAK_DPS, _PERIOD_S = 1e-3, 1200, 40.0, 61.0
+_NOISE_DPH = 0.24
+_MAPPING = """
+format = 1
+unit_id = "G8"
+latitude_deg = 48.0
+[columns]
+time = { name = "t", unit = "s" }
+output = { name = "rate", unit = "deg/h" }
+angle = { name = "table", unit = "deg" }
+"""
+_RUN = '[[run]]\nfile = "{0}.csv"\nprofile = "sine"\ncondition = "40"\nelevation_deg = {1}\n'
+_EARTH_UP_DPH = 15.041067 * np.sin(np.radians(48.0))
+
+
+def _log(path: Path, seed: int, *, late_s: float = 0.02, still_s: float = 0.0) -> None:
+    """Rows about every second, polled up to `late_s` late: the table's angle, the mean rate since the last row.
+
+    The table swings by a sine of 40 deg/s after `still_s` at 40 deg/s; stamps are true but for their last digit.
+    """
+    rng = np.random.default_rng(seed)
+    taken_s = np.arange(_SECONDS + 1.0)
+    taken_s[1:] += rng.uniform(0.0, late_s, _SECONDS)
+    swing = np.maximum(taken_s - still_s, 0.0)
+    angle = _PEAK_DPS * (
+        np.minimum(taken_s, still_s) + _PERIOD_S / 2 / np.pi * np.sin(2 * np.pi * swing / _PERIOD_S)
+    )
+    rate = np.diff(angle, prepend=angle[0]) / np.diff(taken_s, prepend=-1.0)
+    output = 3600.0 * rate + _EARTH_UP_DPH + rng.normal(0.0, _NOISE_DPH, len(rate))
+    rows = zip(np.round(taken_s, 3), output, angle, strict=True)
+    lines = [f"{t:.3f},{value:.6f},{at:.9f}" for t, value, at in rows]
+    path.write_text("\n".join(["t,rate,table", *lines]) + "\n", encoding="utf-8")
+
+
+def _runs(folder: Path, elevation_deg: float = 90.0, count: int = 3, **log: float) -> list[GapRun]:
+    text = _MAPPING
+    for name in range(count):
+        _log(folder / f"{name}.csv", name, **log)
+        text += _RUN.format(name, elevation_deg)
+    (folder / "map.toml").write_text(text, encoding="utf-8")
+    return read_mapped_runs(folder / "map.toml")
+
+
+def _left_dph(runs: Sequence[GapRun]) -> np.ndarray:
+    return np.stack([run.output_dph - run.stimulus.input_rate_dph for run in runs])[:, 1:]
+
+
+def test_the_noise_of_rounded_stamps_is_what_is_left(tmp_path: Path) -> None:
+    """Closed form: two edges, each off by a uniform error of one digit's width, times the rate there."""
+    runs = _runs(tmp_path)
+    (group,) = group_runs(runs)
+    expected = (3600.0 * _PEAK_DPS * _DIGIT_S) ** 2 / 12.0 + _NOISE_DPH**2  # mean square of a sine is a half
+    assert float(np.mean(_left_dph(runs) ** 2)) == pytest.approx(expected, rel=0.1)
+    told = power_in(group, Noise(_NOISE_DPH / 60.0))
+    assert float(told.mean()) == pytest.approx(expected, rel=0.1)
+
+
+@pytest.mark.parametrize("late_s", [0.02, 0.2])
+def test_it_is_there_at_every_time_scale_as_told(tmp_path: Path, late_s: float) -> None:
+    """In the long run errors cancel but for rates and lengths that differ from row to row, and the ends."""
+    runs = _runs(tmp_path, count=12, late_s=late_s)
+    (group,) = group_runs(runs)
+    found = (dct(_left_dph(runs), norm="ortho")[:, 1:] ** 2).mean(axis=0)
+    told = power_in(group, Noise(_NOISE_DPH / 60.0))[: len(found)]
+    for low, high in ((0, 60), (60, 200), (200, 600), (600, 1190)):
+        assert float((found[low:high] / told[low:high]).mean()) == pytest.approx(1.0, abs=0.25)
+
+
+def test_a_turned_axis_and_a_stretch_on_its_line_have_less_of_it(tmp_path: Path) -> None:
+    upright, level = (group_runs(_runs(tmp_path, at))[0].known_noise.quantum_arcsec for at in (90.0, 30.0))
+    assert level == pytest.approx(0.5 * upright, rel=1e-6)
+    steady, (said,) = without_reading_noise(_runs(tmp_path, still_s=600.0))
+    assert "that the gyro does not follow" in said
+    for run in steady:
+        assert run.stamp_noise is not None
+        sigma_s = run.stamp_noise.sigma_s
+        assert (sigma_s[5:590] == 0.0).all() and (sigma_s[605:612] > 0.0).all()
+        first = cut(run, 500).stamp_noise
+        assert first is not None and (len(first.sigma_s), len(first.span_s)) == (501, 500)
+
+
+def test_the_scatter_moves_with_the_angle(tmp_path: Path) -> None:
+    run = _runs(tmp_path)[0]
+    late = replace(run, output_dph=np.roll(run.output_dph, 2))
+    (moved,), said = aligned([late])
+    assert said and moved.stamp_noise is not None and run.stamp_noise is not None
+    assert moved.stamp_noise.sigma_s[2:].tolist() == run.stamp_noise.sigma_s[:-2].tolist()
+
+
+def test_what_is_known_beside_the_noise_is_not_raised_noise() -> None:
+    known, rng = Noise(0.003, quantum_arcsec=3.0), np.random.default_rng(1)
+    part = periodogram(rng.normal(size=(2, 64)), 1.0, beside=known)
+    alone = periodogram(rng.normal(size=(2, 64)), 1.0)
+    assert part.power(Noise(0.004, 0.1)) == pytest.approx(alone.power(Noise(0.005, 0.1, 0.0, 3.0)))
+
+
+@pytest.mark.parametrize("late_s", [0.003, 0.2])
+def test_a_perfect_gyro_with_rounded_stamps_has_no_gap(tmp_path: Path, nominal: Model, late_s: float) -> None:
+    found = diagnose(_runs(tmp_path, late_s=late_s), nominal).rate
+    assert found.verdict == "no gap" and not found.causes and not found.stochastic
+    assert found.noise.noise.quantum_arcsec < 1.0  # 144 arcsec a digit at 40 deg/s
