@@ -12,6 +12,8 @@ from bench.analysis.gap._noise import Noise
 from drivers.base.arrays import Array
 from simulators.effects import Stimulus
 
+_SIGMAS = 2.0
+
 
 @dataclass(frozen=True)
 class StampNoise:
@@ -44,12 +46,17 @@ class StampNoise:
         alike that is noise of an angle. What an edge does to the sample before it and does not take back in the
         one after it is white: little where the rate changes slowly, all of it beside samples that are `missing`
         (n,), and twice as much in slow coefficients at a run's ends.
+
+        A few fast moves may have nearly all of it: what m samples share scatters by sqrt(2 / m) of itself, and
+        by twice that it may be larger.
         """
         gain = np.where(missing, 0.0, 3600.0 * s.axis_rate_dps / self.span_s)
         before, after = np.append(0.0, gain), np.append(gain, 0.0)
         lone = (self.sigma_s * (before - after)) ** 2
         lone[[0, -1]] *= 2.0
-        white = float(lone.sum()) / len(s)
-        angle = max(float((self.sigma_s**2 * before * after).sum()), 0.0) / len(s)
+        by_edge = self.sigma_s**2 * (before**2 + after**2)
+        most = 1.0 + _SIGMAS * math.sqrt(2.0 * float((by_edge**2).sum())) / max(float(by_edge.sum()), 1e-300)
+        white = most * float(lone.sum()) / len(s)
+        angle = most * max(float((self.sigma_s**2 * before * after).sum()), 0.0) / len(s)
         arcsec = math.sqrt(12.0 * angle) * s.period_s
         return Noise(math.sqrt(white * s.period_s / 3600.0), quantum_arcsec=arcsec)
