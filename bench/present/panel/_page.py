@@ -82,6 +82,7 @@ class Controls:
         self._client = ui.context.client
         self._asked: list[Asked] = []
         self._answered: set[Asked] = set()
+        self._named = presence.signs_in  # whether the browser has said whose name it keeps
         self._aborting: Session | None = None
         self._bounded: dict[str, ui.label] = {}
 
@@ -201,8 +202,9 @@ class Controls:
         self._resume.set_visibility(paused)
         pressable = steerable and self._presence.may("answer")
         for button in (self._pause, self._resume, self._abort):
-            if button.enabled != pressable:
-                button.set_enabled(pressable)
+            enabled = pressable and (self._named or button is self._abort)
+            if button.enabled != enabled:
+                button.set_enabled(enabled)
         by_hand = watch.by_hand
         if self._hand.visible != by_hand:
             self._show_hand(by_hand)
@@ -234,12 +236,15 @@ class Controls:
                 ui.label(f"You are signed in to {self._presence.role}: somebody else answers this.")
                 return
             with ui.element("div").classes("choices"):
-                ui.button("Done, go on", on_click=lambda: self._answer(asked, "yes")).props(
+                yes = ui.button("Done, go on", on_click=lambda: self._answer(asked, "yes")).props(
                     'no-caps unelevated data-testid="answer-yes"'
                 )
                 other = ui.input(placeholder="or another answer").props("dense outlined maxlength=200")
                 other.on("keydown.enter", lambda: self._answer(asked, str(other.value or "")))
-                ui.button("No: abort", on_click=lambda: self._answer(asked, "no")).props("no-caps outline")
+                no = ui.button("No: abort", on_click=lambda: self._answer(asked, "no"))
+                no.props("no-caps outline")
+            for each in (yes, other, no):
+                each.set_enabled(self._named)
 
     def _ask_abort(self) -> None:
         """Ask once, for the session that is shown now: the page may show another one when it is pressed."""
@@ -309,12 +314,14 @@ class Controls:
         return signature
 
     async def _recall_name(self) -> None:
+        """Fill in the name that the browser keeps; until then nothing that needs one can be pressed."""
         try:
             name = await ui.run_javascript("localStorage.getItem('gyrobench-name')", timeout=_NAME_TIMEOUT_S)
         except TimeoutError:  # the page was closed again, or its browser is very busy
-            return
+            name = None
         if name and not self._name.value:
             self._name.value = str(name)[:40]
+        self._named, self._asked = True, []  # questions are built anew, with buttons that can be pressed
 
     @staticmethod
     def _button(text: str, icon: str, act: Callable[[], object], color: str = "primary") -> ui.button:

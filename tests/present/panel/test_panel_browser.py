@@ -11,9 +11,10 @@ from urllib.request import urlopen
 
 import pytest
 
-from bench.control.live import read_now
+from bench.control.live import drop_answer, read_now
 from bench.lab.emulated import EmulatedLab, Plant
 from bench.record.benchfile import load_bench_file
+from drivers.base.clock import utc_now
 from tests.present.panel.browser import (
     BROWSER,
     DESK,
@@ -169,7 +170,7 @@ def test_every_page_has_the_strip_of_all_benches(panel: Panel) -> None:
 
 @DESK
 def test_one_benchs_malformed_live_file_stops_no_other_page(panel: Panel, width: int) -> None:
-    """Twenty live files that no session writes, one after the other, beside a bench that goes on."""
+    """Twenty live files that no session writes, each of a bench of its own, beside one that goes on."""
     from playwright.sync_api import expect
 
     write_now(panel.runs / "well", "well", time_s=1.0)
@@ -180,16 +181,51 @@ def test_one_benchs_malformed_live_file_stops_no_other_page(panel: Panel, width:
         {"alarms": {"a": 1}}, {"alarms": [1]}, {"prompts": 7}, {"state": ["running"]}, {"utc": 5},
         {"time_s": 1e300}, {"time_s": "now"}, {"safe": 3}, {"error": [1]}, {"left_s": {}}, {"step": None},
     ]  # fmt: skip
+    ill = [panel.runs / f"ill-{number}" for number in range(len(wrong))]
     with browser_page(width) as page:
         page.goto(f"{panel.url}?session=well")
-        for number, fields in enumerate(wrong):
-            write_now(panel.runs / "ill", "ill", **fields)
-            expect(page.locator("[data-benches]")).to_contain_text("Cannot be read")
-            elapsed = f"0:{number + 1:02d}:00"
-            write_now(panel.runs / "well", "well", time_s=60.0 * (number + 1))
-            expect(page.locator("[data-live=elapsed]")).to_have_text(elapsed)
-            write_now(panel.runs / "ill", "ill")
-            expect(page.locator("[data-benches]")).not_to_contain_text("Cannot be read")
+        strip = page.locator("[data-benches]")
+        for session, fields in zip(ill, wrong, strict=True):
+            write_now(session, session.name, **fields)
+        expect(strip.get_by_text("Cannot be read")).to_have_count(len(wrong))
+        write_now(panel.runs / "well", "well", time_s=60.0)
+        expect(page.locator("[data-live=elapsed]")).to_have_text("0:01:00")
+        for session in ill:
+            write_now(session, session.name)
+        expect(strip).not_to_contain_text("Cannot be read")
+        write_now(panel.runs / "well", "well", time_s=120.0)
+        expect(page.locator("[data-live=elapsed]")).to_have_text("0:02:00")
+
+
+@PHONE
+def test_a_question_is_not_answered_before_the_name_is_there(panel: Panel, width: int) -> None:
+    """The browser keeps the name and says it a moment after the page: until then a press would be refused."""
+    from playwright.sync_api import expect
+
+    session = panel.runs / "lot"
+    (session / "live" / "answers").mkdir(parents=True)
+    write_now(session, "lot", prompts=[{"id": 7, "question": "Mounted?", "picture": "", "utc": utc_now()}])
+    with browser_page(width) as page:
+        page.goto(panel.url)
+        expect(page.get_by_test_id("question")).to_be_visible()
+        page.add_init_script(
+            "localStorage.setItem('gyrobench-name', 'Ada'); window.seen = {};"
+            "const look = () => {"
+            "  const [name, yes, pause] = ['name', 'answer-yes', 'pause'].map("
+            "    (id) => document.querySelector(`[data-testid=${id}]`));"
+            "  if (yes) window.seen[`${name.value}: ${yes.disabled} ${pause.disabled}`] = true;"
+            "};"
+            "new MutationObserver(look).observe(document, { subtree: true, childList: true, attributes: true });"
+        )
+        page.reload()  # the panel knows the question now: it is there with the page
+        yes = page.get_by_test_id("answer-yes")
+        yes.click()
+        expect(yes).to_have_count(0)
+        seen = page.evaluate("Object.keys(window.seen)")
+    assert seen[0] == ": true true" and "Ada: false false" in seen
+    assert not [state for state in seen if state.startswith(":") and "false" in state]
+    counts = drop_answer(session, 7, "no", "Eve")  # the first one does
+    assert (counts.answer, counts.by) == ("yes", "Ada")
 
 
 @PHONE
