@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from bench.analysis.gap._cells import power_in
 from bench.analysis.gap._data import GapRun, Group
-from bench.analysis.gap._noise import Noise
+from bench.analysis.gap._noise import Noise, power_of
 from drivers.base.arrays import Array
 
 _WIDTH = 8
@@ -70,7 +70,8 @@ def strongest_line(
     it may be an effect's misfit. Looked at are the runs of each profile, and those of all profiles of one length:
     what hums in a laboratory does so at one frequency in all of them. Probability is of the strongest of all
     windows looked at (Sidak). What is left near the alias of a line that is named already, `named_hz`, is none:
-    a line may follow temperature.
+    a line may follow temperature. One that is weaker than what rounded stamps do to a swinging table is theirs:
+    where the rows beat with the last digit, that is no noise but a pattern.
     """
     found: list[SpectralLine] = []
     pools = _of_one_length(groups)
@@ -104,11 +105,19 @@ def strongest_line(
         own_s = 2.0 * (residual.shape[1] + 1) * period_s / middle
         power = float(np.mean([power_in(groups[each], noise)[round(middle) - 1] for each in pool]))
         amplitude = math.sqrt(2.0 * excess * power / residual.size)
+        if 0.5 * amplitude**2 < float(np.mean([_of_stamps(groups[each]) for each in pool])):
+            continue
         rate = max(float(np.median(np.abs(run.stimulus.table_rate_dps))) for run in runs)
         names = ", ".join(run.profile for run in runs)
         follows = _periodic_input(runs, windows, k)
         found.append(SpectralLine(names, own_s, amplitude, evidence, rate * own_s / 360.0, follows))
     return max(found, key=lambda line: line.log_evidence) if found else None
+
+
+def _of_stamps(group: Group) -> float:
+    """Return the mean square of what rounded stamps do to the rate in a group's runs, (deg/h)^2."""
+    s = group.flat[0].stimulus
+    return float(power_of(group.known_noise, len(s), s.period_s).mean())
 
 
 def _periodic_input(runs: Sequence[GapRun], windows: int, at: int) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from bench.analysis.gap import Noise
 from bench.analysis.gap._data import GapRun, Group
 from bench.analysis.gap._lines import _log_tail, strongest_line
+from bench.analysis.gap._stamp_noise import StampNoise
 from tests.analysis.gap.conftest import made_run, stimulus
 
 
@@ -51,3 +52,20 @@ def test_what_is_left_of_a_line_that_is_named_is_no_further_one() -> None:
     for named_hz in (1605.0 / 8000.0, 7.0 + 1605.0 / 8000.0, 1.0 - 1605.0 / 8000.0):
         assert strongest_line([group], [left], Noise(0.004), {}, [named_hz]) is None
     assert strongest_line([group], [left], Noise(0.004), {}, [0.3]) is not None
+
+
+def test_a_line_weaker_than_what_rounded_stamps_do_is_theirs() -> None:
+    """Stamps of 1 ms at 10 deg/s: 2 (36000 x 0.29 ms)^2, 14.7 deg/h rms, of which a beat may make a line."""
+    run = made_run("turned", stimulus(4000, rate_dps=10.0), np.random.default_rng(1))
+    noise = StampNoise(np.full(4001, 1e-3 / math.sqrt(12.0)), np.ones(4000))
+    stamped = replace(run, stamp_noise=noise)
+    left = np.random.default_rng(3).standard_normal((2, 3999))
+    found = []
+    for size in (9.0, 120.0):  # 2.5 and 33 deg/h
+        left[:, 1604] = size
+        for own in (run, stamped):
+            group = Group("turned", ("0",), ((own, replace(own, run_id="again")),))
+            found.append(strongest_line([group], [left], Noise(0.004), {}))
+    weak, weak_of_stamps, strong, strong_of_stamps = found
+    assert weak is not None and strong is not None and weak_of_stamps is None
+    assert strong_of_stamps is not None and strong_of_stamps.amplitude_dph > math.sqrt(2.0) * 14.7
