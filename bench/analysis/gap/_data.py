@@ -263,14 +263,12 @@ class Group:
             for run in self.flat
             if run.stamp_noise is not None
         ]
-        arw, quantum = (
-            math.sqrt(sum(each**2 for each in values) / len(self.flat))
-            for values in (
-                [part.arw_deg_per_sqrt_h for part in parts],
-                [part.quantum_arcsec for part in parts],
-            )
-        )
-        return Noise(arw, quantum_arcsec=quantum)
+
+        def rms(values: list[float]) -> float:
+            return math.sqrt(sum(value**2 for value in values) / len(self.flat))
+
+        arcsec = rms([part.quantum_arcsec for part in parts])
+        return Noise(rms([part.arw_deg_per_sqrt_h for part in parts]), quantum_arcsec=arcsec)
 
     @property
     def balanced(self) -> bool:

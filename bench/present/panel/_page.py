@@ -80,9 +80,9 @@ class Controls:
         self._watch = watch
         self._presence = presence
         self._client = ui.context.client
-        self._asked: list[Asked] = []
         self._answered: set[Asked] = set()
         self._named = presence.signs_in  # whether the browser has said whose name it keeps
+        self._shown: tuple[list[Asked], bool] = ([], self._named)
         self._aborting: Session | None = None
         self._bounded: dict[str, ui.label] = {}
 
@@ -212,8 +212,8 @@ class Controls:
         open_ = () if by_hand or session is None else watch.prompts
         prompts = {(session.path, row["id"]): row for row in open_ if session is not None}
         asked = [one for one in prompts if one not in self._answered]
-        if asked != self._asked:
-            self._asked = asked
+        if self._shown != (asked, self._named):
+            self._shown = (asked, self._named)
             self._place.clear()
             with self._place:
                 for one in asked:
@@ -321,7 +321,7 @@ class Controls:
             name = None
         if name and not self._name.value:
             self._name.value = str(name)[:40]
-        self._named, self._asked = True, []  # questions are built anew, with buttons that can be pressed
+        self._named = True
 
     @staticmethod
     def _button(text: str, icon: str, act: Callable[[], object], color: str = "primary") -> ui.button:
