@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import secrets
+import signal
 import sys
 import tempfile
 from pathlib import Path
@@ -95,6 +96,7 @@ def serve(settings: PanelSettings) -> None:
     app.get("/panel/style.css")(lambda: Response(style_sheet(), media_type="text/css"))
     app.add_static_files("/panel/assets", Path(__file__).parent / "assets")
     ui.page("/", title="gyrobench panel", favicon=Path(__file__).parent / "assets" / "icon.svg")(hubs.page)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # services are stopped so; clean up then too
     try:
         ui.run(
             host=settings.host,

@@ -79,8 +79,9 @@ class Panel:
         self.process = subprocess.Popen(
             [sys.executable, "-c", command, "panel", str(self.runs), "--port", str(self.port), *self.options],
             stdout=subprocess.DEVNULL,
-            # NiceGUI takes these for a test of its own kind
-            env={name: text for name, text in os.environ.items() if not name.startswith("PYTEST_")},
+            # NiceGUI takes these for a test of its own kind; a panel that is killed leaves its scratch folder
+            env={name: text for name, text in os.environ.items() if not name.startswith("PYTEST_")}
+            | {"TMPDIR": str(self.runs.parent)},
         )
         until(self.answers, "the panel to answer")
 
