@@ -169,7 +169,8 @@ class Effect:
     effect is no candidate; `shapes` then has one of usual size. `whole` are shapes
     that are numbers of something. `curve`: the free curve that a diagnosis may take
     for the effect's real form. `also` is what its shapes may bring in; where that was not recorded, a diagnosis
-    has the effect all the same. `possible(values)` says whether there is an effect of these parameters.
+    has the effect all the same. `possible(values, covariance)` says whether there may be an effect of parameters
+    (k,) that are known with this covariance (k, k).
     """
 
     name: str
@@ -186,7 +187,7 @@ class Effect:
     whole: tuple[str, ...] = ()
     channel: Literal["gyro_rate"] = "gyro_rate"
     also: Input = Input.NONE
-    possible: Callable[[Sequence[float]], bool] = lambda _: True
+    possible: Callable[[Array, Array], bool] = lambda _, __: True
 
     def columns(self, stimulus: Stimulus, shape: Shape) -> Array:
         """Return deg/h of output for one unit of each parameter, float64 (k, n)."""

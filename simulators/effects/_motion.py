@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -142,13 +141,16 @@ def _field(s: Stimulus, shape: Shape) -> Array:
     return np.stack((cosine * (up if across else 1.0), sine, up, level))
 
 
-def _dips(values: Sequence[float]) -> bool:
-    """Return whether what stands up, or level across, is no more than ten times what follows the heading.
+def _dips(values: Array, covariance: Array) -> bool:
+    """Return whether what stands up, or level across, may be no more than ten times what follows the heading.
 
-    That is a dip of 84 deg. What hardly follows the heading is a sensitivity to gravity.
+    That is a dip of 84 deg. What hardly follows the heading is a sensitivity to gravity. On a table whose axis
+    never changes its attitude nothing tells what stands from a bias, so that its best fit may be anything: what
+    counts is the fit with the prior that it is no more than that.
     """
-    north, west, up, level = values
-    return math.hypot(up, level) <= _STEEPEST * math.hypot(north, west)
+    most = _STEEPEST * math.hypot(values[0], values[1])
+    standing = np.linalg.solve(covariance[2:, 2:] + most**2 * np.eye(2), values[2:]) * most**2
+    return math.hypot(*standing.tolist()) <= most
 
 
 _STEEPEST = 10.0

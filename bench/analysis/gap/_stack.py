@@ -16,6 +16,8 @@ from bench.analysis.gap._noise import Noise
 from drivers.base.arrays import Array
 
 _SHORTEST_S = 20.0
+_CONSTANT = 1e-12
+"""Part of its mean by which a row without a signal changes."""
 _ROWS = 24
 """Rows that are bridged and averaged together."""
 
@@ -100,9 +102,8 @@ def _full(run: GapRun, blocks: Sequence[Array], noise: Noise) -> NDArray[np.floa
     held = np.empty((sum(len(own) for own in blocks), len(run.stimulus)), dtype=np.float32)
     at = 0
     for block in _gathered(blocks):
-        own = filled.over(block)
-        # a large mean would cost digits and is no coefficient
-        np.subtract(own, own.mean(axis=1, keepdims=True), out=held[at : at + len(own)], casting="same_kind")
+        own = _centred(filled.over(block))
+        held[at : at + len(own)] = own
         at += len(own)
     return np.asarray(dct(held, norm="ortho", axis=-1, overwrite_x=True)[:, 1:])
 
@@ -119,11 +120,23 @@ def _slow(run: GapRun, blocks: Sequence[Array], noise: Noise) -> NDArray[np.floa
     means = np.empty((sum(len(own) for own in blocks), n // b))
     at = 0
     for block in _gathered(blocks):
-        means[at : at + len(block)] = filled.over(block).reshape(len(block), n // b, b).mean(axis=2)
-        at += len(block)
+        own = filled.over(block).reshape(len(block), n // b, b).mean(axis=2)
+        means[at : at + len(own)] = _centred(own)
+        at += len(own)
     angle = 0.5 * np.pi * np.arange(1, n // b) / n
     factor = b * np.sqrt(b) * np.sin(angle) / np.sin(b * angle)
     return np.asarray(dct(means, norm="ortho", axis=-1)[:, 1:] * factor, dtype=np.float32)
+
+
+def _centred(rows: Array) -> Array:
+    """Return rows (p, n) less their means, which would cost digits and are no coefficient.
+
+    What rounding leaves of a constant row is no signal: a fit would take it for one and give it any size.
+    """
+    means = rows.mean(axis=1, keepdims=True)
+    left = rows - means
+    left[np.abs(left).max(axis=1) <= _CONSTANT * np.abs(means[:, 0])] = 0.0
+    return np.asarray(left)
 
 
 def _gathered(blocks: Sequence[Array]) -> Iterator[Array]:

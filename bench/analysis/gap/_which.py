@@ -243,10 +243,14 @@ def _judge_sets(
 def _possible(
     posterior: SetPosterior, members: frozenset[int], solution: Solution, variants: Sequence[Variant], q: int
 ) -> bool:
-    """Return whether each effect of a set may have the parameters that fit best."""
-    values = dict(zip(solution.indices.tolist(), solution.values.tolist(), strict=True))
-    candidates = ((posterior.candidates[member], variants[member].effect) for member in members)
-    return all(effect.possible([values[column + q] for column in own.columns]) for own, effect in candidates)
+    """Return whether each effect of a set may have the parameters that fit, within what they are known to."""
+    place = {index: at for at, index in enumerate(solution.indices.tolist())}
+    for member in members:
+        at = [place[column + q] for column in posterior.candidates[member].columns]
+        known = solution.covariance[np.ix_(at, at)]
+        if not variants[member].effect.possible(solution.values[at], known):
+            return False
+    return True
 
 
 def _columns(posterior: SetPosterior, members: frozenset[int], q: int) -> list[int]:

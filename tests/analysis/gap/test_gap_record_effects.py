@@ -130,7 +130,12 @@ def test_a_field_that_stands_up_ten_times_as_much_as_it_follows_the_heading_is_n
 ) -> None:
     """A field on a unit in eight attitudes; what of it a limit does not allow is gravity's."""
     possible = effect("heading_sensitivity").possible
-    assert possible([0.06, -0.08, 0.6, 0.79]) and not possible([0.06, -0.08, 0.6, 0.81])
+    assert possible(np.array((0.06, -0.08, 0.6, 0.79)), np.zeros((4, 4)))
+    assert not possible(np.array((0.06, -0.08, 0.6, 0.81)), np.zeros((4, 4)))
+    # only the difference of the two that stand is known, as of a unit that was upright and level
+    apart = np.diag((0.0, 0.0, 1e4, 1e4)) + np.pad(1e4 * np.eye(2)[::-1], ((2, 0), (2, 0)))
+    assert possible(np.array((0.06, -0.08, 70.0, 69.0)), apart)
+    assert not possible(np.array((0.06, -0.08, 70.0, 68.0)), apart)
     elevation = np.repeat((90.0, 90.0, 90.0, 90.0, 0.0, 0.0, 0.0, 0.0), 150)
     heading_deg = np.repeat(np.tile((0.0, 90.0, 180.0, 270.0), 2), 150)
     flat = stimulus(len(elevation), cold=False)
@@ -146,6 +151,26 @@ def test_a_field_that_stands_up_ten_times_as_much_as_it_follows_the_heading_is_n
     assert (level.name, len(others)) == ("heading_sensitivity", 1)
     assert others[0].name in ("acceleration_sensitivity", "acceleration_squared")
     assert math.hypot(up, along) <= math.hypot(north, west) == pytest.approx(0.3, abs=0.03)
+
+
+def test_a_field_is_named_where_no_run_changes_the_attitude(nominal: Model) -> None:
+    """There what of a field stands up is a bias, so that no fit knows how large it is."""
+    rates_dps = np.repeat((2.0, -2.0, 6.0, -6.0), 500)
+    angle_deg = np.concatenate(([10.0], 10.0 + np.cumsum(rates_dps)))
+    flat = stimulus(len(rates_dps), cold=False)
+    turned = replace(flat, angle_deg=angle_deg)
+    stays = [replace(turned, elevation_deg=np.full(len(flat), each)) for each in (90.0, 90.0, 0.0)]
+    middle_deg = (angle_deg[1:] + angle_deg[:-1]) / 2.0
+    blur = np.sinc(rates_dps / 360.0)  # a mean over 1 s
+    field = 8.0 * np.cos(np.radians(middle_deg - 20.0)) * blur + 0.2
+    field.reshape(-1, 100)[:, 40:45] = np.nan
+    rng = np.random.default_rng(6)
+    found = diagnose(
+        [made_run(name, s, rng, field) for name, s in zip("abc", stays, strict=True)], nominal
+    )
+    assert _named(found) == ["heading_sensitivity"]
+    north, west, *standing = found.causes[0].term.values
+    assert math.hypot(north, west) == pytest.approx(8.0, abs=0.1) and standing == [0.0, 0.0]
 
 
 def test_dead_zone_is_found_with_its_band(nominal: Model) -> None:

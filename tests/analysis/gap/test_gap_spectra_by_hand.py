@@ -298,3 +298,14 @@ def test_a_clock_that_is_off_by_whole_samples_is_set_right(late):
 def test_the_power_of_coefficients_begins_with_the_slowest():
     walk = power_of(Noise(1e-9, 0.0, 1.0), 100, 1.0)
     assert len(walk) == 99 and walk[0] == pytest.approx(1.0 / 3600.0 / (2.0 - 2.0 * math.cos(math.pi / 100)))
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+@pytest.mark.parametrize("size", [1.0, 0.643, 6e-17])
+def test_a_constant_has_no_coefficients_whatever_is_missing(smooth, size):
+    run = made_run("r", stimulus(N, cold=False), np.random.default_rng(1))
+    run.output_dph.reshape(-1, 100)[:, 40:45] = np.nan
+    rows = np.vstack((np.full(N, size), size + 1e-9 * size * np.sin(np.arange(N) / 400.0)))
+    found = stacked([run], lambda _: [rows], [smooth], Noise(0.004, 0.01)).chosen([0, 1])[0]
+    assert not found[0].any()
+    assert found[1].max() == pytest.approx(1e-9 * size * math.sqrt(N / 2.0), rel=0.5)
