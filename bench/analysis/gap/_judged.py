@@ -225,18 +225,25 @@ def told_by_form(
     a small part of what its effect takes away; what is left where another effect acts is not the formula's.
     """
     best = max(judged, key=lambda one: one.log_evidence)
-    lowest: dict[str, float] = {}
+    number = counts(cells)
+    acting: dict[str, tuple[Array, float]] = {}
 
-    def formula_leaves(name: str) -> float:
-        """Return the energy above the noise that is left of an effect of the best set, at least what may be."""
-        if name not in lowest:
+    def acts(name: str) -> tuple[Array, float]:
+        """Return an effect of the best set's part of what is to be explained in each cell, and what its formula leaves.
+
+        That is the energy above the noise, at least what may be.
+        """
+        if name not in acting:
             without = left_without(best, frozenset([name]))
             taken = np.maximum(without - best.left, 0.0)
-            own = active(cells, taken + counts(cells))
-            part = taken / np.maximum(np.maximum(without - counts(cells), taken), 1e-12)
-            excess = np.maximum(best.left - counts(cells), 0.0)
-            lowest[name] = _EXACT[0] + _EXACT[1] * float(taken.sum()) + float((part * excess)[own].sum())
-        return lowest[name]
+            own = active(cells, taken + number)
+            part = taken / np.maximum(np.maximum(without - number, taken), 1e-12)
+            excess = np.maximum(best.left - number, 0.0)
+            acting[name] = (
+                part,
+                _EXACT[0] + _EXACT[1] * float(taken.sum()) + float((part * excess)[own].sum()),
+            )
+        return acting[name]
 
     result = []
     for one in judged:
@@ -244,8 +251,10 @@ def told_by_form(
         if len(theirs) == len(ours) == 1:
             other, own = effects[next(iter(theirs))], effects[next(iter(ours))]
             if _missed(own, other) and not isinstance(other, FreeCurve):
-                more = max(float((one.left - best.left).sum()), 0.0)
-                behind = 0.5 * _PARTS * math.log1p(more / formula_leaves(own.name))
+                part, leaves = acts(own.name)
+                # elsewhere a stronger effect of both sets, fitted a little otherwise, leaves more or less
+                more = max(float((part * (one.left - best.left)).sum()), 0.0)
+                behind = 0.5 * _PARTS * math.log1p(more / leaves)
                 behind = max(behind + 0.5 * _further(other, own) * math.log(1.0 + _PARTS), _BEHIND)
                 one = replace(one, log_evidence=max(one.log_evidence, best.log_evidence - behind))
         result.append(one)

@@ -165,9 +165,7 @@ def test_a_field_is_named_where_no_run_changes_the_attitude(nominal: Model) -> N
     field = 8.0 * np.cos(np.radians(middle_deg - 20.0)) * blur + 0.2
     field.reshape(-1, 100)[:, 40:45] = np.nan
     rng = np.random.default_rng(6)
-    found = diagnose(
-        [made_run(name, s, rng, field) for name, s in zip("abc", stays, strict=True)], nominal
-    )
+    found = diagnose([made_run(name, s, rng, field) for name, s in zip("abc", stays, strict=True)], nominal)
     assert _named(found) == ["heading_sensitivity"]
     north, west, *standing = found.causes[0].term.values
     assert math.hypot(north, west) == pytest.approx(8.0, abs=0.1) and standing == [0.0, 0.0]
