@@ -229,9 +229,9 @@ def told_by_form(
     acting: dict[str, tuple[Array, float]] = {}
 
     def acts(name: str) -> tuple[Array, float]:
-        """Return an effect of the best set's part of what is to be explained in each cell, and what its formula leaves.
+        """Return the part of each cell that an effect of the best set has, and what its formula leaves, energy.
 
-        That is the energy above the noise, at least what may be.
+        Above the noise, and at least what may be left.
         """
         if name not in acting:
             without = left_without(best, frozenset([name]))

@@ -144,9 +144,8 @@ def test_akin_effects_are_told_by_students_likelihood() -> None:
     ]
     told = _told(sets, [10_100.0], [100.0])
     assert told["gradient"] == 0.0
-    # fifty parts. The gradient takes 9900 away, and 99 % of what is left above the noise, 100, is its formula's, as of
-    # the 10 that the other leaves more;
-    # nobody trusts one to leave less than 10 + 0.003 of what it takes away
+    # fifty parts. The gradient takes 9900 away, and 99 % of what is left above the noise, 100, is its formula's,
+    # as of the 10 that the other leaves more; nobody trusts one to leave less than 10 + 0.003 of what it takes
     assert told["thermal_lag"] == pytest.approx(-25.0 * math.log1p(9.9 / (10.0 + 29.7 + 99.0)))
     # as good, with one parameter more, for which the gradient has one more shape: lag and share against a lag
     assert told["shupe"] == -0.1
@@ -269,7 +268,7 @@ def test_curves_over_time_since_power_on_resolve_its_beginning() -> None:
 
 
 def test_what_a_stronger_effect_leaves_elsewhere_does_not_make_up_for_what_is_left_here() -> None:
-    """Both sets have an effect that the second cell is of; there they leave 350 and 20, as tolerances let them."""
+    """Both sets have the effect that acts in the second cell; tolerances let them leave 350 and 20 there."""
     sets = [_of_cells("gradient", 0.0, 10.0, 350.0), _of_cells("bias_cubic", -80.0, 300.0, 20.0)]
     told = _told(sets, [1000.0, 100.0], [0.0, 0.0])
     formula = 10.0 + 0.003 * 990.0 + 0.99 * 10.0
