@@ -216,7 +216,7 @@ def _angle(source: ChannelSource) -> ChannelSeries | str:
         parts.append(np.stack((middle_s, means, np.full(len(means), demand.angle_deg))))
         demands.append(Demand(float(at_s[0]), 0.0, math.inf))
     if not parts:
-        return "the table was not held at any angle for half a minute"
+        return "no angle was demanded of the table and held for half a minute"
     time_s, off, angle = np.concatenate(parts, axis=1)
     inputs = ChannelInputs(time_s, np.zeros(len(off)), float(off[0]), step_s, tuple(demands), angle)
     raw = source.table().angle_deg * 3600.0
@@ -239,7 +239,7 @@ def _rate(source: ChannelSource) -> ChannelSeries | str:
             demand = np.full(len(rate[kept]), told.rate_dps)
             parts.append(np.stack((table.time_s[kept], rate[kept], demand, table.angle_deg[kept])))
     if not parts:
-        return "the table was not turned at a steady rate for half a minute"
+        return "no rate was demanded of the table and held for half a minute"
     time_s, rate, demand, angle = np.concatenate(parts, axis=1)
     inputs = ChannelInputs(time_s, demand, float(rate[0]), float(np.median(np.diff(time_s))), (), angle)
     return _series(source, "table_rate", inputs, rate, rate)

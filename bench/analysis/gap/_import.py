@@ -145,6 +145,7 @@ def _stimulus(
     angle, edge_rate = entry.table_angle_deg(steps.edges_s), None
     guided = angle is not None or bool({"angle", "table_rate", "elevation", "foretold"} & set(log.columns))
     around = other_axes(log.columns, steps, axis, latitude_deg=mapping.latitude_deg, guided=guided)
+    told = angle is not None or turned_deg is not None
     if angle is None:
         # where a unit that was turned by hand points nobody knows: east, where its axis feels no level Earth rate
         angle = np.full(steps.count + 1, 90.0 if around.moving.any() else 0.0)
@@ -152,6 +153,8 @@ def _stimulus(
         angle, edge_rate = steps.angles(turned_deg)
         unknown = ~steps.whole | np.isnan(steps.means(log.columns["output"], steps.use))
         angle = angle if edge_rate is not None else steady_beside(angle, unknown)
+    if told:
+        angle = angle + entry.azimuth_error_deg
     elevation = np.full(steps.count, entry.elevation_deg)
     if around.elevation_deg is not None:
         elevation = around.elevation_deg

@@ -190,9 +190,6 @@ def _demands(data: Log) -> list[tuple[float, Event]]:
 
 def _write_gyro(path: Path, gyro: str, time_s: Array, data: Log) -> StreamReport:
     rate = data.columns["output"]
-    valid = np.isfinite(rate)
-    if "valid" in data.columns:
-        valid &= np.nan_to_num(data.columns["valid"]) != 0.0
     step = np.diff(time_s)
     period_s = float(np.median(step))
     lost = np.zeros(len(time_s), np.int32)
@@ -205,7 +202,7 @@ def _write_gyro(path: Path, gyro: str, time_s: Array, data: Log) -> StreamReport
                 "counter": counter,
                 "lost_before": lost,
                 "status": np.zeros(len(time_s), np.uint8),
-                "valid": valid,
+                "valid": np.isfinite(rate),
                 "rate_dps": rate.astype(np.float32),
                 **{f"{name}{unit}": data.columns[name].astype(np.float32) for name, unit in _others(data)},
                 "temp_c": data.columns.get("t_in", np.full(len(time_s), np.nan)).astype(np.float32),
@@ -214,7 +211,7 @@ def _write_gyro(path: Path, gyro: str, time_s: Array, data: Log) -> StreamReport
     return StreamReport(
         frames=len(time_s),
         lost=int(lost.sum()),
-        invalid=int((~valid).sum()),
+        invalid=int(np.isnan(rate).sum()),
         sample_rate_hz=1.0 / period_s,
         warnings=("imported: lost samples are gaps in the time column",),
     )

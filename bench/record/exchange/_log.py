@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from bench.record.exchange._mapping import Column, Mapping
-from bench.record.exchange._table import MDF_ENDINGS, TIME_OF_FILE, read_table
+from bench.record.exchange._row_times import check_time, in_order, mean_step_s
+from bench.record.exchange._table import TIME_OF_FILE, has_own_times, read_table
 from bench.record.exchange._units import (
     ANGLE,
     BASE_UNITS,
@@ -32,10 +33,8 @@ _QUANTITIES = {
     "t_in": TEMPERATURE, "t_out": TEMPERATURE, "air": TEMPERATURE, "set_point": TEMPERATURE, "heater": POWER,
     "door": OPENING,
 }  # fmt: skip
-_OFF_PLACE, _NEAR = 0.3, 10.0
-"""Parts of the usual time between rows: how far off its place a late row may be, and how far from the next."""
-LONGEST_S = 3.2e7
-"""A year: a run's time grid has a point each second."""
+_VALID_RATES = ("output", "rate_x", "rate_y", "rate_z")
+"""What `valid` is said of."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +42,9 @@ class Log:
     """A log, rows in time order, shape (n,) each; `time_s` grows from row to row as it was recorded.
 
     `columns` has `output` and `table_rate` in deg/s, `angle` (unwrapped) and `elevation` in deg, `t_in`,
-    `t_out`, `air` and `set_point` in degC, `heater` in W, `door` from 0 to 1, `valid` as it stood; only those
-    that the mapping names. NaN where a value is missing. `remarks` say which rows were put into order or were
-    there twice.
+    `t_out`, `air` and `set_point` in degC, `heater` in W, `door` from 0 to 1; only those that the mapping names.
+    NaN where a value is missing; rates, too, where the column `valid` is zero or missing. `remarks` say which
+    rows were put into order or were there twice, and what was done about a clock that was set back.
     """
 
     time_s: Array
@@ -61,7 +60,7 @@ def read_log(file: Path, mapping: Mapping) -> Log:
     """
     wanted = mapping.named()
     scales = {name: _scale(name, column, file) for name, column in wanted.items()}
-    own_times = file.suffix.lower() in MDF_ENDINGS
+    own_times = has_own_times(file)
     if own_times:
         wanted.pop("time", None)
     elif "time" not in wanted and mapping.rate_hz is None:
@@ -82,7 +81,8 @@ def read_log(file: Path, mapping: Mapping) -> Log:
                 found=word,
                 expected="numbers; of times also date-times",
             )
-    values = {name: table.columns[column.name] for name, column in wanted.items()}
+    values = {name: without(table.columns[column.name], column.missing) for name, column in wanted.items()}
+    dated = False
     if own_times:
         time_s = table.columns[TIME_OF_FILE]
     elif "time" not in values:
@@ -90,12 +90,16 @@ def read_log(file: Path, mapping: Mapping) -> Log:
     else:
         dated = wanted["time"].name == table.time  # date-times are s already
         time_s = values.pop("time") * (1.0 if dated else scales["time"].factor)
-    time_s, values, remarks = _in_order(time_s, values)
-    _check_time(time_s, file)
-    per_s = 1.0 / float(np.median(np.diff(time_s)))
+    time_s, values, remarks = in_order(time_s, values, dated=dated)
+    check_time(time_s, file)
     for name, scale in scales.items():
         if name in values:
-            values[name] = values[name] * (scale.factor * (per_s if scale.per_sample else 1.0)) + scale.offset
+            values[name] = scaled(values[name], scale, time_s)
+    if "valid" in values:
+        invalid = ~(np.nan_to_num(values.pop("valid")) != 0.0)
+        for name in _VALID_RATES:
+            if name in values:
+                values[name][invalid] = np.nan
     if "angle" in values:
         values["angle"] = _unwrapped(values["angle"])
     return Log(time_s, values, remarks)
@@ -111,56 +115,24 @@ def _scale(name: str, column: Column, file: Path) -> Scale:
     return scale
 
 
-def _in_order(time_s: Array, values: dict[str, Array]) -> tuple[Array, dict[str, Array], tuple[str, ...]]:
-    """Return rows that a logger wrote late at their place, and rows that it wrote twice once; what was done.
+def without(values: Array, missing: float | None) -> Array:
+    """Return values (n,), NaN where a log has its number for a missing one."""
+    return values if missing is None else np.where(values == missing, np.nan, values)
 
-    As they stand where that does not give one row after the other: a clock that was set back is no late row.
+
+def scaled(values: Array, scale: Scale, time_s: Array) -> Array:
+    """Return values (n,) of rows at times in the bench's unit.
+
+    Of what is counted up from row to row it is the mean rate since the row before, and NaN where a row is missing
+    between them: nobody knows how the rate went there.
     """
-    apart = np.diff(time_s)
-    if len(apart) < 2 or (apart > 0.0).all() or not np.isfinite(time_s).all():
-        return time_s, values, ()
-    late = time_s < np.maximum.accumulate(time_s)
-    order = np.argsort(time_s, kind="stable")
-    sorted_s = time_s[order]
-    same = np.append(False, np.diff(sorted_s) == 0.0)
-    for column in values.values():
-        ordered = column[order]
-        same[1:] &= (ordered[1:] == ordered[:-1]) | (np.isnan(ordered[1:]) & np.isnan(ordered[:-1]))
-    kept = order[~same]
-    apart = np.diff(time_s[kept])
-    usual_s = float(np.median(apart)) if len(apart) else 0.0
-    moved = late[kept]
-    beside = apart[moved[1:] | moved[:-1]] / max(usual_s, 1e-12)
-    places = np.clip(np.rint(beside), 1.0, _NEAR)
-    if not (apart > 0.0).all() or not (np.abs(beside - places) < _OFF_PLACE).all():
-        return time_s, values, ()
-    counts = ((int(moved.sum()), "written late, put in their place"), (int(same.sum()), "twice, taken once"))
-    remarks = tuple(f"{count} of {len(time_s)} rows {what}" for count, what in counts if count)
-    return time_s[kept], {name: column[kept] for name, column in values.items()}, remarks
-
-
-def _check_time(time_s: Array, file: Path) -> None:
-    if len(time_s) < 2:
-        raise ConfigurationError(
-            "the log is too short", where=str(file), found=f"{len(time_s)} rows", expected="at least 2"
-        )
-    wrong = np.flatnonzero(~(np.diff(time_s) > 0.0))
-    if len(wrong):
-        at = int(wrong[0])
-        raise ConfigurationError(
-            "the time column does not grow from row to row",
-            where=str(file),
-            found=f"{time_s[at]:.9g} s, then {time_s[at + 1]:.9g} s in row {at + 2} ({len(wrong)} such rows)",
-            expected="ascending times without repeats",
-        )
-    if not time_s[-1] - time_s[0] <= LONGEST_S:
-        raise ConfigurationError(
-            "the times are none of a recording",
-            where=str(file),
-            found=f"{time_s[0]:.9g} s to {time_s[-1]:.9g} s",
-            expected="a year at most from first to last",
-            remedy="see the time's unit in the mapping",
-        )
+    if not scale.counted:
+        per_s = 1.0 / mean_step_s(time_s) if scale.per_sample else 1.0
+        return np.asarray(values * (scale.factor * per_s) + scale.offset)
+    step_s = mean_step_s(time_s)
+    apart = np.rint(np.diff(time_s) / step_s)
+    rate = np.where(apart == 1.0, np.diff(values) * (scale.factor / step_s), np.nan)
+    return np.append(np.nan, rate)
 
 
 def _unwrapped(angle_deg: Array) -> Array:

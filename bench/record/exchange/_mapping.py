@@ -22,14 +22,15 @@ class _Part(BaseModel):
 
 
 class Column(_Part):
-    """A column by its name in the log, and its unit."""
+    """A column by its name in the log, and its unit; `missing`: the number that stands for a missing value."""
 
     name: str
     unit: str = ""
+    missing: float | None = None
 
 
 class Columns(_Part):
-    """What the columns are. `output`: the rate under the axis of test; `valid`: zero where it is none.
+    """What the columns are. `output`: the rate under the axis of test, not used where `valid` is zero.
 
     `gyros` and `accelerometers`: those of an IMU by axis; the gyro of the axis of test is then the output. A
     log of a chamber or a table alone has neither. `t_in`: the gyro's own temperature, `t_out` that of its case,

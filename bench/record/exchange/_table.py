@@ -86,7 +86,7 @@ def read_table(
             return _arrays(
                 file, mat_arrays(file) if ending == ".mat" else hdf5_arrays(file), names, group, sought
             )
-        if ending in MDF_ENDINGS and not is_text(file):
+        if has_own_times(file):
             return _mdf(file, names, dbc, periods, sought)
         head = head_of(file)
         layout = layout_of(file, head, separator, skip)
@@ -100,6 +100,11 @@ def read_table(
         raise
     except (OSError, MemoryError, ValueError, KeyError, pa.ArrowException) as error:
         raise _unreadable(file, str(error).splitlines()[0] if str(error) else type(error).__name__) from error
+
+
+def has_own_times(file: Path) -> bool:
+    """Return whether a log is an MDF file, which has times of its own; text logs may end in .dat, too."""
+    return file.suffix.lower() in MDF_ENDINGS and file.is_file() and not is_text(file)
 
 
 def _described(
@@ -230,7 +235,7 @@ def _dates(text: pd.Series) -> pd.Series:
     first = str(text.dropna().iloc[0])
     if re.match(r"\d{1,2}:\d\d", first):
         return pd.Timestamp(0) + pd.to_timedelta(text, errors="coerce")
-    if not re.match(r"\d", first):
+    if not re.match(r"\d", first) or re.fullmatch(r"\d+[.,]\d*", first):  # pandas takes 70,8 for a year
         return pd.Series(pd.NaT, index=text.index, dtype="datetime64[ns]")
     ways: list[dict[str, Any]] = [{"format": "ISO8601"}, {"dayfirst": True}, {"dayfirst": False}]
     if not re.match(r"\d{4}", first):

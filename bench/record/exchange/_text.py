@@ -29,6 +29,8 @@ _RATE = re.compile(
     r"([\d.]+)\s*(k?hz)?|(?:sampl\w*|\brate|freq\w*)\W*([\d.]+)\s*(k?hz)",
     re.I,
 )
+DATED = re.compile(r"\d+[-/.:]\d+[-/.:]\d")
+"""How a date in numbers, or a time of day, begins."""
 _UNIT = re.compile(r"[\[(<]\s*([^\])>]+?)\s*[\])>]\s*$")
 _PLAIN_UNIT = re.compile(
     r"(?:deg|rad|arcsec|m|g|mg|ms|us|ns|s|°|c|k|v|lsb|hz|dps|dph|-)\b[\w/^°.()* -]*|°[\w/]*", re.I
@@ -151,13 +153,19 @@ def _first_row(kept: Sequence[tuple[int, str]], separator: str) -> tuple[int, in
     width, often = Counter(map(len, sample)).most_common(1)[0] if sample else (0, 0)
     if often <= 0.8 * len(sample) or (width < 2 and separator != " "):
         return 0, 0, separator, "."
-    for decimal in (".", ",") if separator != "," else (".",):
-        numeric = np.mean([_numeric(row, decimal) for row in sample if len(row) == width] or [0.0])
-        if numeric > 0.5:
-            rows = ((n, _fields(line, separator)) for n, line in kept)
-            start = next(n for n, row in rows if len(row) == width and _numeric(row, decimal) > 0.5)
-            return start, width, separator, decimal
-    return 0, 0, separator, "."
+    marks = (".", ",") if separator != "," else (".",)
+    numeric = {
+        mark: float(np.mean([_numeric(row, mark) for row in sample if len(row) == width] or [0.0]))
+        for mark in marks
+    }
+    decimal = max(
+        marks, key=lambda mark: numeric[mark]
+    )  # of equal ones the point; whole numbers have neither
+    if numeric[decimal] <= 0.5:
+        return 0, 0, separator, "."
+    rows = ((n, _fields(line, separator)) for n, line in kept)
+    start = next(n for n, row in rows if len(row) == width and _numeric(row, decimal) > 0.5)
+    return start, width, separator, decimal
 
 
 def _numeric(row: list[str], decimal: str) -> float:
@@ -170,7 +178,7 @@ def _is_number(part: str, decimal: str) -> bool:
     try:
         float(part.replace(",", ".") if decimal == "," else part)
     except ValueError:
-        return bool(re.match(r"\d+[-/.:]\d+[-/.:]\d", part))
+        return bool(DATED.match(part))
     return True
 
 

@@ -48,22 +48,28 @@ _SPELLINGS = (
 )
 """Other ways to write units: "rad s^-1", "m.s-2", "degrees/second"."""
 _NUMBER = r"\d+\.?\d*(?:e[-+]?\d+)?"
-_TEXT = re.compile(rf"([-+]?{_NUMBER})?\s*([^\d\s]\S*?)(/sample)?\.?(?:\s+([-+])\s*({_NUMBER}))?", re.I)
+_TEXT = re.compile(
+    rf"([-+]?{_NUMBER})?\s*([^\d\s]\S*?)(/sample|\s+total)?\.?(?:\s+([-+])\s*({_NUMBER}))?", re.I
+)
 
 
 class Scale(NamedTuple):
-    """Values in the bench's unit are `factor` * value + `offset`; `per_sample`: times the sample rate, too."""
+    """Values in the bench's unit are `factor` * value + `offset`; `per_sample`: times the sample rate, too.
+
+    `counted`: their change from row to row is, by the time between the rows.
+    """
 
     factor: float
     offset: float = 0.0
     per_sample: bool = False
+    counted: bool = False
 
 
 def scale_of(quantity: str, text: str) -> Scale | None:
     """Return what makes the bench's unit of values in a unit, None if it is none of that quantity.
 
     `text` is "UNIT", "FACTOR UNIT" for counts, "... + OFFSET" or "... - OFFSET" (in that unit) where the
-    counts' zero is another one, "UNIT/sample" for increments.
+    counts' zero is another one, "UNIT/sample" for increments, "UNIT total" for what is counted up since power-on.
     """
     plain_text = "".join(_SPELT.get(letter, letter) for letter in text.strip().strip("[]()"))
     for written, meant in _SPELLINGS:
@@ -78,12 +84,18 @@ def scale_of(quantity: str, text: str) -> Scale | None:
     if not unit:
         return None
     shift = float(f"{sign}{offset}") * known[unit] if offset else 0.0
-    return Scale(float(factor or 1.0) * known[unit], shift + _OFFSETS.get(unit, 0.0), bool(increment))
+    counted = bool(increment) and increment != "/sample"
+    return Scale(
+        float(factor or 1.0) * known[unit],
+        shift + _OFFSETS.get(unit, 0.0),
+        bool(increment) and not counted,
+        counted,
+    )
 
 
 def unit_error(quantity: str, text: str, where: str, remedy: str = "") -> ConfigurationError:
     """Return the error for a unit that is not one of that quantity."""
-    increments = [f"{name}/sample" for name in _INCREMENTS.get(quantity, ())]
+    increments = [f"{name}{kind}" for kind in ("/sample", " total") for name in _INCREMENTS.get(quantity, ())]
     return ConfigurationError(
         "a column's unit is not known",
         where=where,

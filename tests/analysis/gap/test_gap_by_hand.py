@@ -136,7 +136,7 @@ def test_a_steady_rate_is_taken_from_sixteen_readings_on(poll_s: float, rows: in
     run = Turned(((0.0, RateDemand("table", axis(), 10.0)),), poll_s, 40.0, error=0.02)
     found = _rate(RunSource(run, ""))  # type: ignore[arg-type]
     if not rows:
-        assert found == "the table was not turned at a steady rate for half a minute"
+        assert found == "no rate was demanded of the table and held for half a minute"
     else:
         assert isinstance(found, ChannelSeries) and len(found.values) >= rows
         assert found.values == pytest.approx(np.full(len(found.values), 10.02))
@@ -156,7 +156,7 @@ def test_an_angle_is_taken_where_it_was_held_for_half_a_minute(held_s: float, kn
         assert found.values == pytest.approx(np.full(len(found.values), 3.6), abs=1e-6)  # arcsec
         assert set(found.inputs.angle_deg.tolist()) == {90.0}
     else:
-        assert found == "the table was not held at any angle for half a minute"
+        assert found == "no angle was demanded of the table and held for half a minute"
 
 
 def test_means_of_equal_steps_have_their_middles() -> None:

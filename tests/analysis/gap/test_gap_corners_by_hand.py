@@ -69,7 +69,7 @@ def test_a_table_that_is_at_an_angle_for_too_few_samples_shows_none(monkeypatch)
         "rate_dps": np.zeros(count),
     }
     run = SimpleNamespace(tables=("turntable",), turntable=lambda columns, start, end: rows)
-    assert _angle(RunSource(run, "")) == "the table was not held at any angle for half a minute"
+    assert _angle(RunSource(run, "")) == "no angle was demanded of the table and held for half a minute"
 
 
 def test_a_channel_is_told_with_its_scatter_and_unknown_where_nothing_explains_it():

@@ -131,8 +131,8 @@ def test_what_a_log_lacks_is_said_channel_by_channel(tmp_path: Path) -> None:
         "chamber_air": "no column set_point that the air could follow",
         "case_temperature": "no column t_out",
         "gyro_temperature": "nothing that the gyro's temperature could follow: no column t_out",
-        "table_angle": "the table was not held at any angle for half a minute",
-        "table_rate": "the table was not turned at a steady rate for half a minute",
+        "table_angle": "no angle was demanded of the table and held for half a minute",
+        "table_rate": "no rate was demanded of the table and held for half a minute",
         "time_stamps": "a log of another bench has no arrival times of bytes",
     }
 

@@ -160,6 +160,8 @@ def test_a_rate_is_steady_up_to_a_masked_move() -> None:
     assert steady_beside(swinging, missing) == pytest.approx(swinging)
 
 
-def test_a_clock_that_is_set_back_far_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("by_s", [-40.07, -40.1, -300.1])
+def test_a_counter_of_seconds_that_is_set_back_far_is_refused(tmp_path: Path, by_s: float) -> None:
+    """Rows of two times would lie evenly between each other, or before the first one."""
     with pytest.raises(ConfigurationError, match="does not grow"):
-        _run(tmp_path, _clock_set(-40.07)(_stairs(), np.random.default_rng(6)))
+        _run(tmp_path, _clock_set(by_s)(_stairs(), np.random.default_rng(6)))

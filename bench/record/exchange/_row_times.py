@@ -1,0 +1,119 @@
+"""Times of a log's rows: late, doubled and out of order; a clock that was set back; the time between rows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
+
+_OFF_PLACE, _NEAR = 0.3, 10.0
+"""Parts of the usual time between rows: how far off its place a late row may be, and how far from the next."""
+_HALF_HOUR_S = 1800.0
+"""Local clocks are set by multiples of it when daylight time begins or ends."""
+_UNKNOWN = 1.5
+"""Usual times to the first row of a clock that was set back: no whole number, so that the row is not used."""
+_STAYS = 5
+"""Rows that a clock that was set back stays behind, at least."""
+_MOST_SET = 3
+"""Times that a clock is set back in a run; rows in any order seem to be more."""
+LONGEST_S = 3.2e7
+"""A year: a run's time grid has a point each second."""
+Values = dict[str, Array]
+
+
+def in_order(time_s: Array, values: Values, *, dated: bool) -> tuple[Array, Values, tuple[str, ...]]:
+    """Return rows that a logger wrote late at their place, and rows that it wrote twice once; what was done.
+
+    A clock of the day (`dated`) that was set back goes on from the row before. As they stand where that does not
+    give one row after the other, or where a counter of seconds began anew.
+    """
+    going, remarks = _going_on(time_s)
+    found = _ordered(going, values) if dated or not remarks else None
+    return (time_s, values, ()) if found is None else (found[0], found[1], (*remarks, *found[2]))
+
+
+def _ordered(time_s: Array, values: Values) -> tuple[Array, Values, tuple[str, ...]] | None:
+    """Return late rows at their place and doubled ones once; None where that is not one row after the other."""
+    apart = np.diff(time_s)
+    if len(apart) < 2 or (apart > 0.0).all() or not np.isfinite(time_s).all():
+        return time_s, values, ()
+    late = time_s < np.maximum.accumulate(time_s)
+    order = np.argsort(time_s, kind="stable")
+    sorted_s = time_s[order]
+    same = np.append(False, np.diff(sorted_s) == 0.0)
+    for column in values.values():
+        ordered = column[order]
+        same[1:] &= (ordered[1:] == ordered[:-1]) | (np.isnan(ordered[1:]) & np.isnan(ordered[:-1]))
+    kept = order[~same]
+    apart = np.diff(time_s[kept])
+    usual_s = float(np.median(apart)) if len(apart) else 0.0
+    moved = late[kept]
+    beside = apart[moved[1:] | moved[:-1]] / max(usual_s, 1e-12)
+    places = np.clip(np.rint(beside), 1.0, _NEAR)
+    if not (apart > 0.0).all() or not (np.abs(beside - places) < _OFF_PLACE).all():
+        return None
+    counts = ((int(moved.sum()), "written late, put in their place"), (int(same.sum()), "twice, taken once"))
+    remarks = tuple(f"{count} of {len(time_s)} rows {what}" for count, what in counts if count)
+    return time_s[kept], {name: column[kept] for name, column in values.items()}, remarks
+
+
+def _going_on(time_s: Array) -> tuple[Array, tuple[str, ...]]:
+    """Return times of a clock that was set back, going on; what was done.
+
+    Rows that stay behind and fill a hole between rows before them came late; else the clock was set back. Half
+    hours are daylight time, which is known to the row; by how much another clock was set nobody knows.
+    """
+    apart = np.diff(time_s)
+    usual_s = float(np.median(apart[apart > 0.0])) if (apart > 0.0).any() else 0.0
+    result, remarks = time_s.copy(), []
+    for at in np.flatnonzero(apart < -_NEAR * usual_s).tolist() if usual_s else ():
+        row, before_s = at + 1, float(result[at])
+        behind = time_s[row:] < time_s[at]
+        block = time_s[row : row + (len(behind) if behind.all() else int(np.argmin(behind)))]
+        first, last = np.searchsorted(np.sort(time_s[:row]), (block.min(), block.max()))
+        if len(block) < _STAYS or 0 < first == last:
+            continue
+        half_hours = np.rint((usual_s - apart[at]) / _HALF_HOUR_S)
+        step_s = apart[at] + half_hours * _HALF_HOUR_S
+        if not (0.0 < step_s < _NEAR * usual_s and half_hours):
+            step_s = _UNKNOWN * usual_s
+        by_s = before_s + step_s - float(result[row])
+        result[row:] += by_s
+        remarks.append(f"the clock was set back by {by_s:.6g} s before row {row + 1}, taken as going on")
+    return (result, tuple(remarks)) if len(remarks) <= _MOST_SET else (time_s, ())
+
+
+def mean_step_s(time_s: Array) -> float:
+    """Return the time between rows, s: the mean of steps that are about the usual one, stamps being rounded."""
+    steps = np.diff(time_s)
+    usual_s = float(np.median(steps))
+    near = np.abs(steps / usual_s - 1.0) < 0.5
+    return float(steps[near].mean())
+
+
+def check_time(time_s: Array, file: Path) -> None:
+    """Raise ConfigurationError for times that are none of a recording."""
+    if len(time_s) < 2:
+        raise ConfigurationError(
+            "the log is too short", where=str(file), found=f"{len(time_s)} rows", expected="at least 2"
+        )
+    wrong = np.flatnonzero(~(np.diff(time_s) > 0.0))
+    if len(wrong):
+        at = int(wrong[0])
+        raise ConfigurationError(
+            "the time column does not grow from row to row",
+            where=str(file),
+            found=f"{time_s[at]:.9g} s, then {time_s[at + 1]:.9g} s in row {at + 2} ({len(wrong)} such rows)",
+            expected="ascending times without repeats",
+        )
+    if not time_s[-1] - time_s[0] <= LONGEST_S:
+        raise ConfigurationError(
+            "the times are none of a recording",
+            where=str(file),
+            found=f"{time_s[0]:.9g} s to {time_s[-1]:.9g} s",
+            expected="a year at most from first to last",
+            remedy="see the time's unit in the mapping",
+        )
