@@ -103,8 +103,9 @@ def run_keys(case: Path) -> dict[str, str]:
     mapping = tomllib.loads((case / "runs.toml").read_text(encoding="utf-8"))
     keys = {}
     for run in mapping["run"]:
-        code, _, number = Path(run["file"]).stem.rpartition("_")
-        keys[run["run_id"]] = f"{code}|{int(number) - 1}"
+        stem = Path(run["file"]).stem
+        code, _, number = stem.rpartition("_")
+        keys[run.get("run_id", stem)] = f"{code}|{int(number) - 1}"
     return keys
 
 

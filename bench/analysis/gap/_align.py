@@ -56,6 +56,6 @@ def _shifted(run: GapRun, shift: int) -> GapRun:
     s = run.stimulus
     edges = np.clip(np.arange(len(s) + 1) - shift, 0, len(s))
     rate = None if s.edge_rate_dps is None else s.edge_rate_dps[edges]
-    noise = None if run.stamp_noise is None else run.stamp_noise.moved(edges)
+    noise = None if run.rounding_noise is None else run.rounding_noise.moved(edges)
     stimulus = replace(s, angle_deg=s.angle_deg[edges], edge_rate_dps=rate)
-    return replace(run, stimulus=stimulus, stamp_noise=noise)
+    return replace(run, stimulus=stimulus, rounding_noise=noise)

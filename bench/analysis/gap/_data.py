@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bench.analysis.gap._findings import refuse_several_units
 from bench.analysis.gap._noise import Noise
-from bench.analysis.gap._stamp_noise import StampNoise
+from bench.analysis.gap._rounding_noise import RoundingNoise
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 from simulators.effects import REFERENCE_C, Stimulus
@@ -48,7 +48,7 @@ class GapRun:
     `fast`: the spectra of its rows by phase, empty where they are no finer than the samples. `remarks`: what was
     set right in its log. `unknown_dph`: rms of an input rate that nobody knows and that is another after each
     `unknown_time_s`: Earth's, of a unit turned by hand. `power_on_told`: whether the time since power-on is
-    known. `stamp_noise`: that of its log's stamps, None where they are exact.
+    known. `rounding_noise`: that of its log's stamps, None where they are exact.
     """
 
     run_id: str
@@ -69,7 +69,7 @@ class GapRun:
     unknown_dph: float = 0.0
     unknown_time_s: float = 0.0
     power_on_told: bool = True
-    stamp_noise: StampNoise | None = None
+    rounding_noise: RoundingNoise | None = None
 
     @cached_property
     def missing(self) -> NDArray[np.bool_]:
@@ -232,13 +232,13 @@ def cut(run: GapRun, count: int) -> GapRun:
         None if s.force_g is None else s.force_g[:, :count],
         None if s.cross_rate_dph is None else s.cross_rate_dph[:, :count],
     )
-    noise = run.stamp_noise
+    noise = run.rounding_noise
     return replace(
         run,
         stimulus=shorter,
         output_dph=run.output_dph[:count],
         phase=run.phase[:count],
-        stamp_noise=None if noise is None else noise.cut(count),
+        rounding_noise=None if noise is None else noise.cut(count),
     )
 
 
@@ -259,9 +259,9 @@ class Group:
     def known_noise(self) -> Noise:
         """What rounded stamps do to the rate along the axis, rms of the runs."""
         parts = [
-            run.stamp_noise.noise(run.stimulus, run.missing)
+            run.rounding_noise.noise(run.stimulus, run.missing)
             for run in self.flat
-            if run.stamp_noise is not None
+            if run.rounding_noise is not None
         ]
 
         def rms(values: list[float]) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,8 +15,8 @@ from bench.analysis.gap._fast_spectrum import FastSpectrum
 from bench.analysis.gap._log_rows import even_rows, finest_angle_deg, held_rows
 from bench.analysis.gap._mapped import MappedLog, imported_log, mapped_logs
 from bench.analysis.gap._other_axes import OtherAxes, other_axes
+from bench.analysis.gap._rounding_noise import RoundingNoise, step_deg
 from bench.analysis.gap._rows import Steps, steady_beside, true_times
-from bench.analysis.gap._stamp_noise import StampNoise
 from bench.record.exchange import Log, LogEntry, Mapping
 from bench.record.recording import Run, names_at
 from drivers.base.arrays import Array
@@ -93,7 +94,7 @@ def rate_of(made: MappedLog, gyro: str | None = None) -> GapRun:
         unknown_dph=around.unknown_dph,
         unknown_time_s=around.rest_s,
         power_on_told=entry.power_on_s is not None,
-        stamp_noise=None if turned_deg is None else _stamp_noise(steps),
+        rounding_noise=None if turned_deg is None else _rounding_noise(log, steps, stimulus),
     )
 
 
@@ -179,11 +180,15 @@ def _stimulus(
     ), around
 
 
-def _stamp_noise(steps: Steps) -> StampNoise | None:
-    if steps.time_sigma_s == 0.0:
+def _rounding_noise(log: Log, steps: Steps, stimulus: Stimulus) -> RoundingNoise | None:
+    """Return what rounded stamps and the angle's codes do; where the table shows one code these do nothing."""
+    sigma_deg = step_deg(log.columns["angle"]) / math.sqrt(12.0)
+    if steps.time_sigma_s == sigma_deg == 0.0:
         return None
+    turning = np.diff(stimulus.angle_deg) != 0.0
+    read = np.append(False, turning) | np.append(turning, False)
     span_s = np.where(steps.whole, steps.stops_s - steps.starts_s, steps.period_s)
-    return StampNoise(np.full(steps.count + 1, steps.time_sigma_s), span_s)
+    return RoundingNoise(np.full(steps.count + 1, steps.time_sigma_s), np.where(read, sigma_deg, 0.0), span_s)
 
 
 def _phases(entry: LogEntry, times_s: Array) -> NDArray[np.str_]:

@@ -208,6 +208,6 @@ def _on_its_line(run: GapRun, dwell: _Dwell) -> GapRun:
     if edge_rate is not None:
         edge_rate = edge_rate.copy()
         edge_rate[dwell.edges] = (line[-1] - line[0]) / ((len(line) - 1) * s.period_s)
-    noise = None if run.stamp_noise is None else run.stamp_noise.without(dwell.edges)
+    noise = None if run.rounding_noise is None else run.rounding_noise.without(dwell.edges)
     stimulus = replace(s, angle_deg=angle, edge_rate_dps=edge_rate)
-    return replace(run, stimulus=stimulus, stamp_noise=noise)
+    return replace(run, stimulus=stimulus, rounding_noise=noise)

@@ -10,7 +10,7 @@ import numpy as np
 from bench.analysis.gap import Noise
 from bench.analysis.gap._data import GapRun, Group
 from bench.analysis.gap._lines import _log_tail, strongest_line
-from bench.analysis.gap._stamp_noise import StampNoise
+from bench.analysis.gap._rounding_noise import RoundingNoise
 from tests.analysis.gap.conftest import made_run, stimulus
 
 
@@ -57,8 +57,8 @@ def test_what_is_left_of_a_line_that_is_named_is_no_further_one() -> None:
 def test_a_line_weaker_than_what_rounded_stamps_do_is_theirs() -> None:
     """Stamps of 1 ms at 10 deg/s: 2 (36000 x 0.29 ms)^2, 14.7 deg/h rms, of which a beat may make a line."""
     run = made_run("turned", stimulus(4000, rate_dps=10.0), np.random.default_rng(1))
-    noise = StampNoise(np.full(4001, 1e-3 / math.sqrt(12.0)), np.ones(4000))
-    stamped = replace(run, stamp_noise=noise)
+    noise = RoundingNoise(np.full(4001, 1e-3 / math.sqrt(12.0)), np.ones(4000))
+    stamped = replace(run, rounding_noise=noise)
     left = np.random.default_rng(3).standard_normal((2, 3999))
     found = []
     for size in (9.0, 120.0):  # 2.5 and 33 deg/h

@@ -1,4 +1,4 @@
-"""Rounded stamps of rows that a logger polls: noise of the table's rate that is known, and no gap."""
+"""Rounded stamps of rows that a logger polls, and codes of an encoder: noise that is known, and no gap."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from bench.analysis.gap._import import read_mapped_runs
 from bench.analysis.gap._model_file import Model
 from bench.analysis.gap._noise import Noise, periodogram
 from bench.analysis.gap._reading import without_reading_noise
-from bench.analysis.gap._stamp_noise import StampNoise
+from bench.analysis.gap._rounding_noise import RoundingNoise, step_deg
 from simulators.effects import Stimulus
 
-_DIGIT_S, _SECONDS, _PEAK_DPS, _PERIOD_S = 1e-3, 1200, 40.0, 61.0
+_DIGIT_S, _SECONDS, _PEAK_DPS, _PERIOD_S = 1e-3, 1200, 40.0, 61.3
 _NOISE_DPH = 0.24
 _MAPPING = """
 format = 1
@@ -36,20 +36,22 @@ _RUN = '[[run]]\nfile = "{0}.csv"\nprofile = "sine"\ncondition = "40"\nelevation
 _EARTH_UP_DPH = 15.041067 * np.sin(np.radians(48.0))
 
 
-def _log(path: Path, seed: int, *, late_s: float = 0.02, still_s: float = 0.0) -> None:
+def _log(path: Path, seed: int, *, late_s: float = 0.02, still_s: float = 0.0, code: float = 0.0) -> None:
     """Rows about every second, polled up to `late_s` late: the table's angle, the mean rate since the last row.
 
     The table swings by a sine of 40 deg/s after `still_s` at 40 deg/s; stamps are true but for their last digit.
+    With an angle cut off to whole codes a run begins at any phase.
     """
     rng = np.random.default_rng(seed)
     taken_s = np.arange(_SECONDS + 1.0)
     taken_s[1:] += rng.uniform(0.0, late_s, _SECONDS)
-    swing = np.maximum(taken_s - still_s, 0.0)
+    swing = np.maximum(taken_s - still_s, 0.0) + (rng.uniform(0.0, 600.0) if code else 0.0)
     angle = _PEAK_DPS * (
         np.minimum(taken_s, still_s) + _PERIOD_S / 2 / np.pi * np.sin(2 * np.pi * swing / _PERIOD_S)
     )
     rate = np.diff(angle, prepend=angle[0]) / np.diff(taken_s, prepend=-1.0)
     output = 3600.0 * rate + _EARTH_UP_DPH + rng.normal(0.0, _NOISE_DPH, len(rate))
+    angle = np.floor(angle / code) * code if code else angle
     rows = zip(np.round(taken_s, 3), output, angle, strict=True)
     lines = [f"{t:.3f},{value:.6f},{at:.9f}" for t, value, at in rows]
     path.write_text("\n".join(["t,rate,table", *lines]) + "\n", encoding="utf-8")
@@ -90,16 +92,60 @@ def test_it_is_there_at_every_time_scale_as_told(tmp_path: Path, late_s: float) 
         assert float((found[low:high] / told[low:high]).mean()) == pytest.approx(1.0, abs=0.25)
 
 
+def test_the_noise_of_codes_is_what_is_left_at_every_time_scale(tmp_path: Path) -> None:
+    """18 bits, stamps that are even: the angle is off by a uniform error of one code at each edge."""
+    code = 360.0 / 2**18
+    runs = _runs(tmp_path, count=12, late_s=0.0, code=code)
+    (group,) = group_runs(runs)
+    assert group.known_noise.quantum_arcsec == pytest.approx(3600.0 * code, rel=0.06)
+    found = (dct(_left_dph(runs), norm="ortho")[:, 1:] ** 2).mean(axis=0)
+    told = power_in(group, Noise(_NOISE_DPH / 60.0))[: len(found)]
+    for low, high in ((0, 60), (60, 200), (200, 600), (600, 1190)):
+        assert float((found[low:high] / told[low:high]).mean()) == pytest.approx(1.0, abs=0.25)
+
+
+@pytest.mark.parametrize(
+    ("digits", "code", "found"),
+    [(9, 360.0 / 2**18, 360.0 / 2**18), (4, 360.0 / 2**18, 360.0 / 2**18), (3, 0.0, 1e-3), (12, 0.0, 0.0)],
+)
+def test_the_step_of_an_angle_is_its_codes_or_its_last_digits(digits: int, code: float, found: float) -> None:
+    angle = 200.0 + 390.0 * np.sin(np.arange(4000) / 61.0) + np.random.default_rng(1).uniform(0.0, 1.0, 4000)
+    angle = np.floor(angle / code) * code if code else angle
+    angle[::50] = np.nan
+    assert step_deg(np.round(angle, digits)) == pytest.approx(found, rel=1e-9)
+    assert step_deg(np.full(1000, 37.2)) == 0.0
+    assert step_deg(np.tile(np.arange(0.0, 360.0, 15.0), 20)) == 0.0  # commanded headings
+
+
+def test_a_table_at_rest_has_no_noise_of_codes(tmp_path: Path) -> None:
+    """It swings for ten minutes after ten at rest."""
+    path = tmp_path / "0.csv"
+    at = 12.345 + 40.0 * np.sin(np.maximum(np.arange(1200.0) - 600.0, 0.0) / 9.7)
+    rows = [f"{t}.000,{_EARTH_UP_DPH},{angle:.3f}" for t, angle in enumerate(at.tolist())]
+    path.write_text("\n".join(["t,rate,table", *rows]) + "\n", encoding="utf-8")
+    (tmp_path / "map.toml").write_text(_MAPPING + _RUN.format(0, 90.0), encoding="utf-8")
+    (run,) = read_mapped_runs(tmp_path / "map.toml")
+    assert run.rounding_noise is not None
+    sigma_deg = run.rounding_noise.sigma_deg
+    assert (sigma_deg[:598] == 0.0).all() and sigma_deg[605:] == pytest.approx(1e-3 / np.sqrt(12.0))
+
+
+def test_a_simulated_table_at_a_few_rates_is_read_exactly() -> None:
+    """20, -7.5 and 0.1 deg/s in rows of exactly a second: all multiples of 0.1 deg, and no code."""
+    rates_dps = np.repeat((0.0, 20.0, -7.5, 0.1), 300)
+    assert step_deg(np.cumsum(rates_dps)) == 0.0
+
+
 def test_a_turned_axis_and_a_stretch_on_its_line_have_less_of_it(tmp_path: Path) -> None:
     upright, level = (group_runs(_runs(tmp_path, at))[0].known_noise.quantum_arcsec for at in (90.0, 30.0))
     assert level == pytest.approx(0.5 * upright, rel=1e-6)
     steady, (said,) = without_reading_noise(_runs(tmp_path, still_s=600.0))
     assert "that the gyro does not follow" in said
     for run in steady:
-        assert run.stamp_noise is not None
-        sigma_s = run.stamp_noise.sigma_s
+        assert run.rounding_noise is not None
+        sigma_s = run.rounding_noise.sigma_s
         assert (sigma_s[5:590] == 0.0).all() and (sigma_s[605:612] > 0.0).all()
-        first = cut(run, 500).stamp_noise
+        first = cut(run, 500).rounding_noise
         assert first is not None and (len(first.sigma_s), len(first.span_s)) == (501, 500)
 
 
@@ -109,7 +155,7 @@ def test_noise_of_a_few_samples_may_be_larger_than_its_mean() -> None:
     still = np.full(1000, 25.0)
     angle = np.concatenate(([0.0], np.cumsum(rate_dps)))
     s = Stimulus(np.arange(1.0, 1001.0), still, still, angle, np.full(1000, 90.0), 48.0)
-    noise = StampNoise(np.full(1001, 1e-4), np.ones(1000))
+    noise = RoundingNoise(np.full(1001, 1e-4), np.zeros(1001), np.ones(1000))
     found = noise.noise(s, np.zeros(1000, bool))
     most = 1.0 + 2.0 * np.sqrt(2.0 * 30.0 / 16.0**2)
     # two edges stand alone, seven are an angle's
@@ -127,8 +173,8 @@ def test_the_scatter_moves_with_the_angle(tmp_path: Path) -> None:
     run = _runs(tmp_path)[0]
     late = replace(run, output_dph=np.roll(run.output_dph, 2))
     (moved,), said = aligned([late])
-    assert said and moved.stamp_noise is not None and run.stamp_noise is not None
-    assert moved.stamp_noise.sigma_s[2:].tolist() == run.stamp_noise.sigma_s[:-2].tolist()
+    assert said and moved.rounding_noise is not None and run.rounding_noise is not None
+    assert moved.rounding_noise.sigma_s[2:].tolist() == run.rounding_noise.sigma_s[:-2].tolist()
 
 
 def test_what_is_known_beside_the_noise_is_not_raised_noise() -> None:
@@ -138,8 +184,10 @@ def test_what_is_known_beside_the_noise_is_not_raised_noise() -> None:
     assert part.power(Noise(0.004, 0.1)) == pytest.approx(alone.power(Noise(0.005, 0.1, 0.0, 3.0)))
 
 
-@pytest.mark.parametrize("late_s", [0.003, 0.2])
-def test_a_perfect_gyro_with_rounded_stamps_has_no_gap(tmp_path: Path, nominal: Model, late_s: float) -> None:
-    found = diagnose(_runs(tmp_path, late_s=late_s), nominal).rate
+@pytest.mark.parametrize("log", [{"late_s": 0.003}, {"late_s": 0.2}, {"late_s": 0.0, "code": 360.0 / 2**18}])
+def test_a_perfect_gyro_with_rounded_stamps_or_codes_has_no_gap(
+    tmp_path: Path, nominal: Model, log: dict[str, float]
+) -> None:
+    found = diagnose(_runs(tmp_path, **log), nominal).rate
     assert found.verdict == "no gap" and not found.causes and not found.stochastic
     assert found.noise.noise.quantum_arcsec < 1.0  # 144 arcsec a digit at 40 deg/s

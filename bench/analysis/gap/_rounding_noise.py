@@ -1,0 +1,101 @@
+"""What rounding of stamps and of the table's angle does to the rate that a gyro is compared with: known noise."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.analysis.gap._noise import Noise
+from drivers.base.arrays import Array
+from simulators.effects import Stimulus
+
+_SIGMAS = 2.0
+_PARTS = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.5)
+_COARSEST_DEG = 0.1
+_STEPS_DEG = sorted(
+    (
+        step
+        for step in (
+            *(360.0 / 2**bits for bits in range(33)),
+            *(part * 10.0**-digits for digits in range(1, 9) for part in _PARTS),
+            *(part * 10.0**-digits / 3600.0 for digits in range(-2, 4) for part in _PARTS),
+        )
+        if step <= _COARSEST_DEG
+    ),
+    reverse=True,
+)
+"""Of encoders by bits, and of lines and last digits of degrees and of arc seconds."""
+_ON_GRID = 0.1
+"""Part of a step by which values may be off its grid, rms: they may be printed with few digits."""
+_FEWEST, _FEWEST_TURNS, _MOST = 100, 20, 20_000
+"""Different values, and different turns from row to row, that say something.
+
+A few commanded angles, and those of a simulated table at a few rates, are on any grid.
+"""
+
+
+@dataclass(frozen=True)
+class RoundingNoise:
+    """White noise of the times and angles at a run's edges as they were read, `sigma_s` and `sigma_deg` (n + 1,).
+
+    `span_s` (n,) is the time between the two readings that a sample's rate comes from.
+    """
+
+    sigma_s: Array
+    sigma_deg: Array
+    span_s: Array
+
+    def cut(self, count: int) -> RoundingNoise:
+        """Return that of the first `count` samples."""
+        return RoundingNoise(self.sigma_s[: count + 1], self.sigma_deg[: count + 1], self.span_s[:count])
+
+    def moved(self, edges: NDArray[np.int64]) -> RoundingNoise:
+        """Return that of an angle whose edges were taken from `edges` (n + 1,)."""
+        return replace(self, sigma_s=self.sigma_s[edges], sigma_deg=self.sigma_deg[edges])
+
+    def without(self, edges: slice) -> RoundingNoise:
+        """Return that of an angle that no reading of some edges has to do with any more."""
+        sigma_s, sigma_deg = self.sigma_s.copy(), self.sigma_deg.copy()
+        sigma_s[edges] = sigma_deg[edges] = 0.0
+        return replace(self, sigma_s=sigma_s, sigma_deg=sigma_deg)
+
+    def noise(self, s: Stimulus, missing: NDArray[np.bool_]) -> Noise:
+        """Return the noise of the rate along the axis: of an angle, as a quantum, and white; `missing` (n,)."""
+        along = np.where(missing, 0.0, 3600.0 * np.sin(np.radians(s.elevation_deg)) / self.span_s)
+        by_stamps = _of_edges(self.sigma_s, along * s.table_rate_dps, s.period_s)
+        return by_stamps.beside(_of_edges(self.sigma_deg, along, s.period_s))
+
+
+def _of_edges(sigma: Array, gain: Array, period_s: float) -> Noise:
+    """Return the noise of a rate, sample k wrong by `gain[k]` (e[k+1] - e[k]), of white e of `sigma` (n + 1,).
+
+    At one rate and with spans alike that is noise of an angle. What an edge does to the sample before it and does
+    not take back in the one after it is white: little where the gain changes slowly, all of it beside samples
+    that are missing, whose gain is 0, and twice as much in slow coefficients at a run's ends.
+
+    A few fast moves may have nearly all of it: what m samples share scatters by sqrt(2 / m) of itself, and by
+    twice that it may be larger.
+    """
+    before, after = np.append(0.0, gain), np.append(gain, 0.0)
+    lone = (sigma * (before - after)) ** 2
+    lone[[0, -1]] *= 2.0
+    by_edge = sigma**2 * (before**2 + after**2)
+    most = 1.0 + _SIGMAS * math.sqrt(2.0 * float((by_edge**2).sum())) / max(float(by_edge.sum()), 1e-300)
+    white = most * float(lone.sum()) / len(gain)
+    angle = most * max(float((sigma**2 * before * after).sum()), 0.0) / len(gain)
+    return Noise(math.sqrt(white * period_s / 3600.0), quantum_arcsec=math.sqrt(12.0 * angle) * period_s)
+
+
+def step_deg(angle_deg: Array) -> float:
+    """Return the coarsest step of codes or digits that an angle (m,) is logged in; 0 without one."""
+    known = angle_deg[np.isfinite(angle_deg)][:_MOST]
+    values = np.unique(np.remainder(known, 360.0))
+    apart, turned = values[1:] - values[:1], np.diff(known)
+    for step in _STEPS_DEG if len(values) >= _FEWEST else ():
+        steps = apart / step
+        if np.sqrt(np.mean((steps - np.rint(steps)) ** 2)) < _ON_GRID:
+            return float(step) if len(np.unique(np.rint(turned / step))) >= _FEWEST_TURNS else 0.0
+    return 0.0
