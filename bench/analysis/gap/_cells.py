@@ -151,6 +151,19 @@ def power_in(group: Group, noise: Noise) -> Array:
     return power_of(noise.beside(group.known_noise), len(s), s.period_s)
 
 
+def shared_noise(group: Group, noise: Noise) -> tuple[Array, Array]:
+    """Return the noise of repeats' mean, and of their differences, in each band, over that of runs on their own.
+
+    A table that repeats its motion repeats its codes: of errors of r runs that are correlated by c the mean has
+    1 + (r - 1) c, and the differences have 1 - c.
+    """
+    s, more = group.flat[0].stimulus, len(group.runs[0]) - 1
+    part = power_of(group.known_codes, len(s), s.period_s) / power_in(group, noise)
+    own = [part[each] for each in band_slices(len(s), s.period_s)]
+    of_codes = np.array([float(each.mean()) if len(each) else 0.0 for each in own])
+    return 1.0 + more * group.shared * of_codes, 1.0 - group.shared * of_codes
+
+
 def left_of_noise(group: Group, filled_for: Noise, noise: Noise) -> Array:
     """Return the power of noise with gaps bridged over that without gaps, (n - 1,), mean of the group's runs."""
     period_s = group.flat[0].stimulus.period_s
@@ -220,6 +233,7 @@ def group_cells(group: Group, stack: Stack, noise: Noise) -> list[Cell]:
     """Return the cells of a group from its runs' coefficients of [data, columns]."""
     n, period_s = stack.full.shape[2] + 1, group.runs[0][0].stimulus.period_s
     names, repeatable, mix = mixing(group)
+    of_mean, of_differences = shared_noise(group, noise)
     power = power_in(group, noise) * np.maximum(left_of_noise(group, stack.filled_for, noise), 1.0)
     known = np.minimum(left_of_noise(group, stack.filled_for, noise), 1.0)
     parts = band_slices(n, period_s)
@@ -235,6 +249,7 @@ def group_cells(group: Group, stack: Stack, noise: Noise) -> list[Cell]:
         rows = (mix @ rows.reshape(len(mix), -1)).reshape(rows.shape)
         band, mean_power = parts.index(part), float(power[part].mean())
         for name, same, block in zip(names, repeatable, gram_blocks(rows), strict=True):
+            floor = float((of_mean if same else of_differences)[band])
             cells.append(
                 Cell(
                     group.profile,
@@ -245,8 +260,9 @@ def group_cells(group: Group, stack: Stack, noise: Noise) -> list[Cell]:
                     len(stack.place),
                     at,
                     block,
-                    mean_power,
+                    mean_power * floor,
                     n,
+                    floor,
                 )
             )
     return cells

@@ -244,11 +244,15 @@ def cut(run: GapRun, count: int) -> GapRun:
 
 @dataclass(frozen=True)
 class Group:
-    """Runs of one profile, cut to one length: `runs[condition][repeat]`."""
+    """Runs of one profile, cut to one length: `runs[condition][repeat]`.
+
+    `shared`: the part of what the angle's codes do that is the same in all repeats, from 0 to 1.
+    """
 
     profile: str
     conditions: tuple[str, ...]
     runs: tuple[tuple[GapRun, ...], ...]
+    shared: float = 0.0
 
     @property
     def flat(self) -> tuple[GapRun, ...]:
@@ -257,9 +261,22 @@ class Group:
 
     @cached_property
     def known_noise(self) -> Noise:
-        """What rounded stamps do to the rate along the axis, rms of the runs."""
+        """What rounding of stamps and angles does to the rate along the axis, rms of the runs."""
+        return self.known_stamps.beside(self.known_codes)
+
+    @cached_property
+    def known_stamps(self) -> Noise:
+        """What rounded stamps alone do."""
+        return self._rms(RoundingNoise.of_stamps)
+
+    @cached_property
+    def known_codes(self) -> Noise:
+        """What the angle's codes alone do."""
+        return self._rms(RoundingNoise.of_codes)
+
+    def _rms(self, noise_of: Callable[[RoundingNoise, Stimulus, NDArray[np.bool_]], Noise]) -> Noise:
         parts = [
-            run.rounding_noise.noise(run.stimulus, run.missing)
+            noise_of(run.rounding_noise, run.stimulus, run.missing)
             for run in self.flat
             if run.rounding_noise is not None
         ]

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.linalg import block_diag
 
-from bench.analysis.gap._cells import repeatable_rows, run_rows
+from bench.analysis.gap._cells import repeatable_rows, run_rows, shared_noise
 from bench.analysis.gap._data import GapRun, Group
 from bench.analysis.gap._fit import counts
 from bench.analysis.gap._learned_forms import Candidate, candidates_for, span_of
@@ -147,7 +147,8 @@ class _Problem:
         self._rows: list[list[Array]] = [[] for _ in range(1 + len(self.candidates))]
         self._profile_of = [self.profiles.index(group.profile) for group in data.groups]
         for group, stack in zip(data.groups, data.stacks, strict=True):
-            rows = repeatable_rows(group, stack.filled_for, data.noise.noise, data.floor.ratio)
+            floor = data.floor.ratio * shared_noise(group, data.noise.noise)[0]
+            rows = repeatable_rows(group, stack.filled_for, data.noise.noise, floor)
             self._rows[0].append(rows(self._beside_named(group, stack)))
             for place, candidate in enumerate(self.candidates, 1):
                 fresh = stacked(group.flat, _columns_of(candidate), [candidate.slow], stack.filled_for)

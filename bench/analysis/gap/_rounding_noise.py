@@ -62,11 +62,17 @@ class RoundingNoise:
         sigma_s[edges] = sigma_deg[edges] = 0.0
         return replace(self, sigma_s=sigma_s, sigma_deg=sigma_deg)
 
-    def noise(self, s: Stimulus, missing: NDArray[np.bool_]) -> Noise:
-        """Return the noise of the rate along the axis: of an angle, as a quantum, and white; `missing` (n,)."""
-        along = np.where(missing, 0.0, 3600.0 * np.sin(np.radians(s.elevation_deg)) / self.span_s)
-        by_stamps = _of_edges(self.sigma_s, along * s.table_rate_dps, s.period_s)
-        return by_stamps.beside(_of_edges(self.sigma_deg, along, s.period_s))
+    def of_stamps(self, s: Stimulus, missing: NDArray[np.bool_]) -> Noise:
+        """Return what stamps do to the rate along the axis, as noise of an angle and white; `missing` (n,)."""
+        return _of_edges(self.sigma_s, self._gain(s, missing) * s.table_rate_dps, s.period_s)
+
+    def of_codes(self, s: Stimulus, missing: NDArray[np.bool_]) -> Noise:
+        """Return what the angle's codes do, which repeats of a motion may share."""
+        return _of_edges(self.sigma_deg, self._gain(s, missing), s.period_s)
+
+    def _gain(self, s: Stimulus, missing: NDArray[np.bool_]) -> Array:
+        along = 3600.0 * np.sin(np.radians(s.elevation_deg)) / self.span_s
+        return np.where(missing, 0.0, along)
 
 
 def _of_edges(sigma: Array, gain: Array, period_s: float) -> Noise:

@@ -22,6 +22,7 @@ from bench.analysis.gap._noise import (
     Periodogram,
     fit_noise,
     periodogram,
+    power_of,
 )
 from drivers.base.arrays import Array
 
@@ -44,6 +45,8 @@ _CORRELATIONS = tuple(
 )
 _DIFFERS_PENALTY = 10.0
 _QUIET_SPAN_K = 2.0
+_MOSTLY = 0.3
+"""Part of the power from which the angle's codes are told from the gyro's own noise."""
 REPEATS = "differences of repeats"
 DATA_SHEET = "data sheet"
 
@@ -164,6 +167,23 @@ def floor_data(
     return quiet, "quiet runs" if quiet else DATA_SHEET
 
 
+def shared_codes(group: Group, stack: NDArray[Any], sheet: Noise, sigmas: Array) -> float:
+    """Return the part, 0 to 1, of what the angle's codes do that is the same in a group's repeats.
+
+    Their differences lack it: least squares where codes make most of the noise, the gyro's being the sheet's.
+    """
+    rows = [k for k, same in enumerate(mixing(group)[1]) if not same]
+    s, power = group.flat[0].stimulus, power_in(group, sheet)
+    codes = power_of(group.known_codes, len(s), s.period_s) / power
+    mostly = codes > _MOSTLY
+    if not rows or not mostly.any():
+        return 0.0
+    left = _less_nominal(mixed_whitened(group, stack, sheet)[rows], sigmas)[:, mostly]
+    found = np.mean(left**2, axis=0) / left_of_noise(group, sheet, sheet)[mostly]
+    codes = codes[mostly]
+    return float(np.clip(1.0 - codes @ (found - 1.0 + codes) / (codes @ codes), 0.0, 1.0))
+
+
 def _less_nominal(parity_runs: Array, sigmas: Array) -> Array:
     gram = np.einsum("rik,rjk->ij", parity_runs, parity_runs, optimize=True)
     solution = solve(gram, sigmas, ())
@@ -177,4 +197,11 @@ def _coloured(group: Group, left: Array, sheet: Noise, skip: int = 1) -> Periodo
     padded = np.zeros((len(left), left.shape[1] + 1))
     padded[:, 1:] = left * np.sqrt(power_in(group, sheet) / bridged)
     known = np.minimum(bridged, 1.0)
-    return periodogram(padded, period_s, known, skip=skip, beside=group.known_noise)
+    part = math.sqrt(1.0 - group.shared)
+    codes = group.known_codes
+    known_codes = replace(
+        codes,
+        arw_deg_per_sqrt_h=part * codes.arw_deg_per_sqrt_h,
+        quantum_arcsec=part * codes.quantum_arcsec,
+    )
+    return periodogram(padded, period_s, known, skip=skip, beside=group.known_stamps.beside(known_codes))

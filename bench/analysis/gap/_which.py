@@ -90,7 +90,7 @@ def _gram_of(found: Found, model: Model) -> Callable[[Sequence[Variant]], Array]
     """Return what gives the weighted products of [data, variants' columns], nominal columns projected out."""
     data, nominal = found.data, range(1 + len(model.sigmas))
     variance = tolerated(data.cells, found.before, directions=DIRECTIONS)
-    variance *= data.floor.ratio[[cell.band for cell in data.cells]]
+    variance *= [cell.floor for cell in data.cells]
     whiten, own, start = [], [], 0
     for group, stack in zip(data.groups, data.stacks, strict=True):
         stop = start + cells_in(group)

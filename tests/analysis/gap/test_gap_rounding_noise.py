@@ -11,12 +11,13 @@ import pytest
 from scipy.fft import dct
 
 from bench.analysis.gap._align import aligned
-from bench.analysis.gap._cells import power_in
+from bench.analysis.gap._cells import power_in, shared_noise
 from bench.analysis.gap._data import GapRun, cut, group_runs
 from bench.analysis.gap._diagnose import diagnose
 from bench.analysis.gap._import import read_mapped_runs
 from bench.analysis.gap._model_file import Model
-from bench.analysis.gap._noise import Noise, periodogram
+from bench.analysis.gap._noise import Noise, periodogram, power_of
+from bench.analysis.gap._prepare import prepare
 from bench.analysis.gap._reading import without_reading_noise
 from bench.analysis.gap._rounding_noise import RoundingNoise, step_deg
 from simulators.effects import Stimulus
@@ -156,7 +157,7 @@ def test_noise_of_a_few_samples_may_be_larger_than_its_mean() -> None:
     angle = np.concatenate(([0.0], np.cumsum(rate_dps)))
     s = Stimulus(np.arange(1.0, 1001.0), still, still, angle, np.full(1000, 90.0), 48.0)
     noise = RoundingNoise(np.full(1001, 1e-4), np.zeros(1001), np.ones(1000))
-    found = noise.noise(s, np.zeros(1000, bool))
+    found = noise.of_stamps(s, np.zeros(1000, bool))
     most = 1.0 + 2.0 * np.sqrt(2.0 * 30.0 / 16.0**2)
     # two edges stand alone, seven are an angle's
     white, angle_arcsec2 = (
@@ -165,7 +166,7 @@ def test_noise_of_a_few_samples_may_be_larger_than_its_mean() -> None:
     )
     assert found.arw_deg_per_sqrt_h**2 * 3600.0 == pytest.approx(most * white)
     assert found.quantum_arcsec**2 == pytest.approx(most * angle_arcsec2)
-    masked = noise.noise(s, rate_dps > 0.0)
+    masked = noise.of_stamps(s, rate_dps > 0.0)
     assert masked.arw_deg_per_sqrt_h == masked.quantum_arcsec == 0.0
 
 
@@ -191,3 +192,35 @@ def test_a_perfect_gyro_with_rounded_stamps_or_codes_has_no_gap(
     found = diagnose(_runs(tmp_path, **log), nominal).rate
     assert found.verdict == "no gap" and not found.causes and not found.stochastic
     assert found.noise.noise.quantum_arcsec < 1.0  # 144 arcsec a digit at 40 deg/s
+
+
+def test_codes_that_repeats_share_are_no_gap(tmp_path: Path, nominal: Model) -> None:
+    """A table that goes through the very same angles in every repeat: the mean of three has as much as one."""
+    code, taken_s, text = 360.0 / 2**16, np.arange(_SECONDS + 1.0), _MAPPING
+    angle = _PEAK_DPS * _PERIOD_S / 2 / np.pi * np.sin(2 * np.pi * taken_s / _PERIOD_S)
+    rng = np.random.default_rng(3)
+    for name in range(3):
+        rate = 3600.0 * np.diff(angle, prepend=angle[0]) + _EARTH_UP_DPH + rng.normal(0.0, 3.0, len(angle))
+        rows = zip(taken_s, rate, np.floor(angle / code) * code, strict=True)
+        lines = [f"{t:.3f},{value:.6f},{at:.9f}" for t, value, at in rows]
+        (tmp_path / f"{name}.csv").write_text("\n".join(["t,rate,table", *lines]) + "\n", encoding="utf-8")
+        text += _RUN.format(name, 90.0)
+    (tmp_path / "map.toml").write_text(text, encoding="utf-8")
+    runs = read_mapped_runs(tmp_path / "map.toml")
+    noise = Noise(3.0 / 60.0)
+    prepared = prepare(runs, Model("nominal", nominal.terms, noise), ())
+    (group,) = prepared.groups
+    assert group.shared == pytest.approx(1.0, abs=0.05)
+    mean, differences = shared_noise(group, noise)
+    alone = power_of(noise, _SECONDS, 1.0) / power_in(group, noise)
+    # below 5 s most of the noise is the codes'
+    assert mean[-1] == pytest.approx(1.0 + 2.0 * group.shared * (1.0 - alone[480:].mean()), rel=0.03)
+    assert differences[-1] == pytest.approx(1.0 - group.shared * (1.0 - alone[480:].mean()), abs=0.03)
+    found = diagnose(runs, Model("nominal", nominal.terms, noise)).rate
+    assert found.verdict == "no gap" and not found.stochastic
+
+
+def test_codes_of_repeats_that_begin_anywhere_are_not_shared(tmp_path: Path, nominal: Model) -> None:
+    runs = _runs(tmp_path, late_s=0.0, code=360.0 / 2**16)
+    (group,) = prepare(runs, nominal, ()).groups
+    assert group.shared < 0.2
