@@ -146,7 +146,8 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         differs = max(ready.noise.differs, _JUMPS if jumps else 0.0)
         unnamed = sum(both[1] for both in weights.values())
         shaken = _shaken(ready.noise, runs)
-        unknown = 1.0 - (1.0 - unnamed) * (1.0 - differs) * (1.0 - shaken)
+        # probabilities are sums, which may be more than 1 by rounding
+        unknown = 1.0 - max(1.0 - unnamed, 0.0) * max(1.0 - differs, 0.0) * max(1.0 - shaken, 0.0)
         null = weights.get(frozenset(), (0.0, 0.0))[0]
         if null > _DOUBTED:
             causes, resembles = (), ()
