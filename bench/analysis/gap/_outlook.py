@@ -35,6 +35,8 @@ from simulators.effects import Effect, Variant
 UNKNOWN = "unknown"
 _WORTH_FINDING = 40.0
 """Standard deviations that a hidden effect has in the bench's best run for it."""
+_MOST_SIGMAS = 1e6
+"""The most of any effect."""
 _VISIBLE = 5.0
 """Standard deviations below which a bench does not show an effect however large it may be."""
 _FIRST, _ANOTHER = 1.0, 0.25
@@ -215,7 +217,7 @@ def outlook(
     grams = [columns.products(runs, acting, before) for runs in foretold]
     energies = np.array([np.diag(reduced(plain, known.sigmas))[1:] for plain, _ in grams])
     best = energies.max(axis=0, initial=0.0)
-    sigmas = columns.bounds(model.noise.coarseness)
+    sigmas = foreseeable(columns.bounds(model.noise.coarseness), best)
     shown: dict[str, float] = {}
     for name in effects:
         own = columns.usual(name)
@@ -253,6 +255,15 @@ def outlook(
         heat,
         ready,
     )
+
+
+def foreseeable(bounds: Array, best: Array) -> Array:
+    """Return prior sigmas (p,): the bounds of parameters, as far as arithmetic goes.
+
+    `best` (p,) is the energy of a unit of each in the bench's best run. A bound of a coarse gyro may be 1e10
+    standard deviations there: of its square and of 1 double precision leaves nothing.
+    """
+    return np.minimum(bounds, _MOST_SIGMAS / np.sqrt(np.maximum(best, 1e-300)))
 
 
 def _odds(

@@ -120,29 +120,32 @@ def test_what_corrects_a_weak_effect_takes_away_no_more_than_its_formula_may_mis
 
 
 @pytest.mark.parametrize(
-    ("left", "without", "leaves"),
+    ("left", "without", "leaves", "part"),
     [
-        # nothing is left and next to nothing was there: what any formula may leave
-        ((40.0, 40.0), (40.0, 40.0), 10.0),
+        # nothing is left and next to nothing was there: it acts nowhere, and nothing tells
+        ((40.0, 40.0), (40.0, 40.0), 10.0, 0.0),
         # three thousandths of what the effect takes away
-        ((40.0, 40.0), (1e5 + 40.0, 40.0), 10.0 + 0.003 * 1e5),
+        ((40.0, 40.0), (1e5 + 40.0, 40.0), 10.0 + 0.003 * 1e5, 1.0),
         # 100 are left of 1000 where it takes away 900, and a tenth of that is not its own
-        ((140.0, 40.0), (1040.0, 40.0), 10.0 + 0.003 * 900.0 + 0.9 * 100.0),
+        ((140.0, 40.0), (1040.0, 40.0), 10.0 + 0.003 * 900.0 + 0.9 * 100.0, 0.9),
         # what is left where it does not act is another's
-        ((140.0, 340.0), (1040.0, 340.0), 10.0 + 0.003 * 900.0 + 0.9 * 100.0),
+        ((140.0, 340.0), (1040.0, 340.0), 10.0 + 0.003 * 900.0 + 0.9 * 100.0, 0.9),
     ],
 )
 @pytest.mark.parametrize("more", [7.0, 60.0])
-def test_sets_that_form_alone_tells_apart_differ_as_by_students_likelihood(left, without, leaves, more):
-    """Fifty independent parts: -25 ln(1 + more / left), and half a log of 51 for a further parameter."""
+def test_sets_that_form_alone_tells_apart_differ_as_by_students_likelihood(left, without, leaves, part, more):
+    """Fifty independent parts: -25 ln(1 + more / left), and half a log of 51 for a further parameter.
+
+    More counts where the best set's effect acts, by its part.
+    """
     cells = [SimpleNamespace(count=40.0, repeatable=True, band=k) for k in range(2)]
     best = judged({"bias_quadratic"}, *left)
     cubic = judged({"bias_cubic"}, left[0] + more, left[1], log_evidence=-1e3)
-    shupe = judged({"shupe"}, left[0], left[1] + more, log_evidence=-1e3)
+    shupe = judged({"shupe"}, left[0] + more, left[1] - 2.0 * more, log_evidence=-1e3)
     found = told_by_form([best, cubic, shupe], lambda one, names: np.array(without), cells, EFFECTS)
-    behind = 25.0 * math.log(1.0 + more / leaves)
+    behind = 25.0 * math.log(1.0 + part * more / leaves)
     assert [one.log_evidence for one in found] == pytest.approx(
-        [0.0, -behind, -behind - 0.5 * math.log(51.0)], rel=1e-9
+        [0.0, -max(behind, 0.1), -behind - 0.5 * math.log(51.0)], rel=1e-9
     )
 
 

@@ -10,9 +10,9 @@ import pytest
 from bench.analysis.gap import Design, designs_for, information_gained, other_equipment, outlook, read_model
 from bench.analysis.gap._candidates import effects_beside
 from bench.analysis.gap._designs import usual_designs
-from bench.analysis.gap._information import expected_information
+from bench.analysis.gap._information import Foretold, expected_information
 from bench.analysis.gap._model_file import Term
-from bench.analysis.gap._outlook import Columns, Explanation, _odds, usual_variant
+from bench.analysis.gap._outlook import Columns, Explanation, _odds, foreseeable, usual_variant
 from bench.control.procedure import beyond_limits
 from bench.record.benchfile import load_bench_file
 from simulators.effects import Variant
@@ -183,3 +183,14 @@ def test_what_happens_while_the_rate_steps_is_not_foretold(designs):
     steps = np.flatnonzero(np.abs(np.diff(run.stimulus.table_rate_dps)) > 1.0)
     assert run.missing[steps].all() and run.missing[steps + 1].all()
     assert run.missing.sum() == 2 * len(steps)
+
+
+def test_a_prior_that_is_wider_than_arithmetic_goes_is_cut() -> None:
+    """Of two explanations one has a coefficient that nothing recorded bounds, of a gyro a million times coarser."""
+    best = np.array([1e3, 1e3, 0.0])
+    sigmas = foreseeable(np.array([3e9, 2.0, 5.0]), best)
+    assert sigmas.tolist() == pytest.approx([1e6 / math.sqrt(1e3), 2.0, 5.0])
+    gram = np.array([[1e3, 999.0, 0.0], [999.0, 1e3, 0.0], [0.0, 0.0, 0.0]])
+    wide = Foretold(0.5, np.array([0.1, 0.0, 0.0]), np.diag(sigmas))
+    known = Foretold(0.5, np.array([0.1, 0.0, 0.0]), np.diag([1e-3, 1e-3, 1e-3]))
+    assert expected_information(gram, [wide, known]) == pytest.approx(math.log(2.0), abs=0.01)
