@@ -186,7 +186,7 @@ def test_what_happens_while_the_rate_steps_is_not_foretold(designs):
 
 
 def test_a_prior_that_is_wider_than_arithmetic_goes_is_cut() -> None:
-    """Of two explanations one has a coefficient that nothing recorded bounds, of a gyro a million times coarser."""
+    """Of two explanations one has a coefficient that nothing recorded bounds, of a coarse gyro."""
     best = np.array([1e3, 1e3, 0.0])
     sigmas = foreseeable(np.array([3e9, 2.0, 5.0]), best)
     assert sigmas.tolist() == pytest.approx([1e6 / math.sqrt(1e3), 2.0, 5.0])
