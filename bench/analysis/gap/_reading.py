@@ -75,7 +75,9 @@ def without_reading_noise(runs: Sequence[GapRun]) -> tuple[list[GapRun], list[st
             continue
         sigma = float(np.nanmedian(bends)) * SIGMA_OF_SECOND_DIFFERENCES
         change = np.where(known, np.diff(scatter), 0.0)
-        jumps = np.clip(jumps, -_OUTLYING * sigma, _OUTLYING * sigma)  # an impulse, or a move that comes late
+        # an impulse, or a move that comes late, but no swing of the table that the gyro shows as well
+        most = _OUTLYING * sigma + 2.0 * np.abs(change)
+        jumps = np.clip(jumps, -most, most)
         crossed += float(change @ np.where(known, jumps, 0.0))
         squared += float(change @ change)
         variance += sigma**2 * float(np.square(np.diff(change, prepend=0.0, append=0.0)).sum())

@@ -260,3 +260,16 @@ def test_a_perfect_gyro_on_a_table_that_is_read_with_noise_has_no_gap(nominal: M
     found = diagnose(runs, nominal)
     assert found.verdict == "no gap", (found.causes, found.rate.stochastic)
     assert any("is read with a noise" in note for note in found.rate.warnings)
+
+
+def test_a_table_that_sweeps_to_and_fro_in_few_samples_turns_for_a_gyro_that_follows() -> None:
+    """Sectors of 60 deg in 2 s, after a rest: the samples scatter about a line as a noisy reading does."""
+    swept = np.tile((0.0, 60.0, 60.46, 0.46), 105)
+    angle_deg = np.concatenate((np.full(21, 222.86), 267.4 + swept, np.full(20, 222.86)))
+    s = replace(stimulus(len(angle_deg) - 1, cold=False), angle_deg=angle_deg)
+    rng = np.random.default_rng(5)
+    runs = [made_run(name, s, rng) for name in "ab"]
+    for run in runs:
+        run.output_dph[10] += 1e6  # an impulse
+    kept, notes = without_reading_noise(runs)
+    assert notes == [] and all(one is run for one, run in zip(kept, runs, strict=True))
