@@ -48,7 +48,7 @@ class GapRun:
     `fast`: the spectra of its rows by phase, empty where they are no finer than the samples. `remarks`: what was
     set right in its log. `unknown_dph`: rms of an input rate that nobody knows and that is another after each
     `unknown_time_s`: Earth's, of a unit turned by hand. `power_on_told`: whether the time since power-on is
-    known. `rounding_noise`: that of its log's stamps, None where they are exact.
+    known. `rounding_noise`: of its log's stamps and of the angle's codes, None where both are exact.
     """
 
     run_id: str

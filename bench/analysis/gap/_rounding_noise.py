@@ -30,8 +30,8 @@ _STEPS_DEG = sorted(
 """Of encoders by bits, and of lines and last digits of degrees and of arc seconds."""
 _ON_GRID = 0.1
 """Part of a step by which values may be off its grid, rms: they may be printed with few digits."""
-_FEWEST, _FEWEST_TURNS, _MOST = 100, 20, 20_000
-"""Different values, and different turns from row to row, that say something.
+_FEWEST, _FEWEST_TURNS, _ENOUGH, _MOST = 100, 20, 1000, 20_000
+"""Different values, and different turns from row to row, that say something; values, and rows, that are enough.
 
 A few commanded angles, and those of a simulated table at a few rates, are on any grid.
 """
@@ -99,7 +99,7 @@ def step_deg(angle_deg: Array) -> float:
     """Return the coarsest step of codes or digits that an angle (m,) is logged in; 0 without one."""
     known = angle_deg[np.isfinite(angle_deg)][:_MOST]
     values = np.unique(np.remainder(known, 360.0))
-    apart, turned = values[1:] - values[:1], np.diff(known)
+    apart, turned = values[1 :: max(len(values) // _ENOUGH, 1)] - values[:1], np.diff(known)
     for step in _STEPS_DEG if len(values) >= _FEWEST else ():
         steps = apart / step
         if np.sqrt(np.mean((steps - np.rint(steps)) ** 2)) < _ON_GRID:

@@ -17,8 +17,8 @@ _UNKNOWN = 1.5
 """Usual times to the first row of a clock that was set back: no whole number, so that the row is not used."""
 _STAYS = 5
 """Rows that a clock that was set back stays behind, at least."""
-_MOST_SET = 3
-"""Times that a clock is set back in a run; rows in any order seem to be more."""
+_MOST_SET, _MOST_BACK = 3, 100
+"""Times that a clock is set back in a run, and that rows come so late; those of rows in any order are more."""
 LONGEST_S = 3.2e7
 """A year: a run's time grid has a point each second."""
 Values = dict[str, Array]
@@ -69,7 +69,8 @@ def _going_on(time_s: Array) -> tuple[Array, tuple[str, ...]]:
     apart = np.diff(time_s)
     usual_s = float(np.median(apart[apart > 0.0])) if (apart > 0.0).any() else 0.0
     result, remarks = time_s.copy(), []
-    for at in np.flatnonzero(apart < -_NEAR * usual_s).tolist() if usual_s else ():
+    back = np.flatnonzero(apart < -_NEAR * usual_s)
+    for at in back.tolist() if usual_s and len(back) <= _MOST_BACK else ():
         row, before_s = at + 1, float(result[at])
         behind = time_s[row:] < time_s[at]
         block = time_s[row : row + (len(behind) if behind.all() else int(np.argmin(behind)))]
