@@ -18,6 +18,7 @@ from bench.record.events import Event
 from bench.record.events.run import AirDemand, AngleDemand, Measured, Note, Outcome, PhaseBegun, RateDemand
 from bench.record.exchange._log import Log, read_log
 from bench.record.exchange._mapping import LogEntry, Mapping, read_mapping
+from bench.record.exchange._row_times import mean_step_s
 from bench.record.recording import (
     DeviceEntry,
     EventLog,
@@ -191,7 +192,7 @@ def _demands(data: Log) -> list[tuple[float, Event]]:
 def _write_gyro(path: Path, gyro: str, time_s: Array, data: Log) -> StreamReport:
     rate = data.columns["output"]
     step = np.diff(time_s)
-    period_s = float(np.median(step))
+    period_s = mean_step_s(time_s)
     lost = np.zeros(len(time_s), np.int32)
     lost[1:] = np.clip(np.rint(step / period_s) - 1.0, 0, _MOST_LOST)
     counter = np.arange(len(time_s), dtype=np.int64) + np.cumsum(lost, dtype=np.int64)

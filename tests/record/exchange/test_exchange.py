@@ -115,6 +115,18 @@ def test_a_foreign_log_becomes_a_run(tmp_path: Path, kind: str) -> None:
     assert (folder / "raw" / log.name).read_bytes() == log.read_bytes()
 
 
+def test_stamps_that_are_rounded_and_rows_that_are_not_valid(tmp_path: Path) -> None:
+    """Rows of eight ticks of a PC's clock, stamped to 10 ms; a flag says which are none."""
+    table = frame()
+    table["t_ms"] = 10.0 * np.round(43.9403 * np.arange(len(table)))
+    table["locked"] = (np.arange(len(table)) >= 100).astype(float)
+    text = MAPPING.replace("[columns]", '[columns]\nvalid = { name = "locked" }')
+    run = Run.open(import_log(*write(tmp_path, "csv", table, text), tmp_path / "runs"))
+    assert run.manifest.stream["fog"]["sample_rate_hz"] == pytest.approx(1.0 / 0.439403, rel=1e-5)
+    assert run.manifest.stream["fog"]["invalid"] == 100
+    assert (run.gyro("fog")["valid"] == (np.arange(len(table)) >= 100)).all()
+
+
 def test_a_log_without_air_or_case_temperature(tmp_path: Path) -> None:
     """The gap's channels name what cannot be seen; a fit says which column is missing, not what to wire up."""
     text = MAPPING.replace('air = { name = "air", unit = "degC" }', "")
