@@ -146,7 +146,7 @@ def _helmert(n: int) -> Array:
 
 
 def power_in(group: Group, noise: Noise) -> Array:
-    """Return the power of noise in a group's coefficients (n - 1,), (deg/h)^2, its rounded stamps' too."""
+    """Return the power of noise in a group's coefficients (n - 1,), (deg/h)^2, what rounding makes in it too."""
     s = group.flat[0].stimulus
     return power_of(noise.beside(group.known_noise), len(s), s.period_s)
 

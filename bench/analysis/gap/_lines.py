@@ -70,8 +70,8 @@ def strongest_line(
     it may be an effect's misfit. Looked at are the runs of each profile, and those of all profiles of one length:
     what hums in a laboratory does so at one frequency in all of them. Probability is of the strongest of all
     windows looked at (Sidak). What is left near the alias of a line that is named already, `named_hz`, is none:
-    a line may follow temperature. One that is weaker than what rounded stamps do to a swinging table is theirs:
-    where the rows beat with the last digit, that is no noise but a pattern.
+    a line may follow temperature. One that is weaker than what rounding does to a turning table is of it: where
+    the rows beat with the last digit, or a turn with the codes, that is no noise but a pattern.
     """
     found: list[SpectralLine] = []
     pools = _of_one_length(groups)
@@ -105,7 +105,7 @@ def strongest_line(
         own_s = 2.0 * (residual.shape[1] + 1) * period_s / middle
         power = float(np.mean([power_in(groups[each], noise)[round(middle) - 1] for each in pool]))
         amplitude = math.sqrt(2.0 * excess * power / residual.size)
-        if 0.5 * amplitude**2 < float(np.mean([_of_stamps(groups[each]) for each in pool])):
+        if 0.5 * amplitude**2 < float(np.mean([_of_rounding(groups[each]) for each in pool])):
             continue
         rate = max(float(np.median(np.abs(run.stimulus.table_rate_dps))) for run in runs)
         names = ", ".join(run.profile for run in runs)
@@ -114,8 +114,8 @@ def strongest_line(
     return max(found, key=lambda line: line.log_evidence) if found else None
 
 
-def _of_stamps(group: Group) -> float:
-    """Return the mean square of what rounded stamps do to the rate in a group's runs, (deg/h)^2."""
+def _of_rounding(group: Group) -> float:
+    """Return the mean square of what rounding of stamps and angles does to a group's rate, (deg/h)^2."""
     s = group.flat[0].stimulus
     return float(power_of(group.known_noise, len(s), s.period_s).mean())
 

@@ -137,6 +137,8 @@ def _between(change: Array, largest: Array | float, first: int) -> Iterator[slic
 def _step_deg(angle_deg: Array) -> float:
     """Return the step in which an angle (m + 1,) is read, deg, where no noise beside it is seen; 0 for none.
 
+    `_rounding_noise.step_deg` is that of the log, however much more its table moves.
+
     A resolver's code: at an even rate it turns by so many steps or one more, in a pattern that repeats.
     """
     turned = np.diff(angle_deg)

@@ -81,7 +81,7 @@ def read_log(file: Path, mapping: Mapping) -> Log:
                 found=word,
                 expected="numbers; of times also date-times",
             )
-    values = {name: without(table.columns[column.name], column.missing) for name, column in wanted.items()}
+    values = {name: _without(table.columns[column.name], column.missing) for name, column in wanted.items()}
     dated = False
     if own_times:
         time_s = table.columns[TIME_OF_FILE]
@@ -94,7 +94,7 @@ def read_log(file: Path, mapping: Mapping) -> Log:
     check_time(time_s, file)
     for name, scale in scales.items():
         if name in values:
-            values[name] = scaled(values[name], scale, time_s)
+            values[name] = _scaled(values[name], scale, time_s)
     if "valid" in values:
         invalid = ~(np.nan_to_num(values.pop("valid")) != 0.0)
         for name in _VALID_RATES:
@@ -115,12 +115,12 @@ def _scale(name: str, column: Column, file: Path) -> Scale:
     return scale
 
 
-def without(values: Array, missing: float | None) -> Array:
+def _without(values: Array, missing: float | None) -> Array:
     """Return values (n,), NaN where a log has its number for a missing one."""
     return values if missing is None else np.where(values == missing, np.nan, values)
 
 
-def scaled(values: Array, scale: Scale, time_s: Array) -> Array:
+def _scaled(values: Array, scale: Scale, time_s: Array) -> Array:
     """Return values (n,) of rows at times in the bench's unit.
 
     Of what is counted up from row to row it is the mean rate since the row before, and NaN where a row is missing

@@ -19,7 +19,7 @@ _STAYS = 5
 """Rows that a clock that was set back stays behind, at least."""
 _MOST_SET, _MOST_BACK = 3, 100
 """Times that a clock is set back in a run, and that rows come so late; those of rows in any order are more."""
-LONGEST_S = 3.2e7
+_LONGEST_S = 3.2e7
 """A year: a run's time grid has a point each second."""
 Values = dict[str, Array]
 
@@ -110,7 +110,7 @@ def check_time(time_s: Array, file: Path) -> None:
             found=f"{time_s[at]:.9g} s, then {time_s[at + 1]:.9g} s in row {at + 2} ({len(wrong)} such rows)",
             expected="ascending times without repeats",
         )
-    if not time_s[-1] - time_s[0] <= LONGEST_S:
+    if not time_s[-1] - time_s[0] <= _LONGEST_S:
         raise ConfigurationError(
             "the times are none of a recording",
             where=str(file),

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 TIME_OF_FILE = "time of the file"
 """Name of the times, in s, that an MDF file has beside its channels."""
-MDF_ENDINGS = (".mf4", ".mdf", ".dat")
+_MDF_ENDINGS = (".mf4", ".mdf", ".dat")
 _PACKED = (".gz", ".bz2", ".zst", ".lz4", ".br", ".zip", ".xz")
 _KINDS = "text, Parquet (.parquet, .pq), MAT, NPY, NPZ, HDF5 (.h5) or MDF (.mf4)"
 _CHECKSUM = r"\*[0-9A-Fa-f]{2}$"
@@ -104,7 +104,7 @@ def read_table(
 
 def has_own_times(file: Path) -> bool:
     """Return whether a log is an MDF file, which has times of its own; text logs may end in .dat, too."""
-    return file.suffix.lower() in MDF_ENDINGS and file.is_file() and not is_text(file)
+    return file.suffix.lower() in _MDF_ENDINGS and file.is_file() and not is_text(file)
 
 
 def _described(

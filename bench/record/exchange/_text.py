@@ -29,7 +29,7 @@ _RATE = re.compile(
     r"([\d.]+)\s*(k?hz)?|(?:sampl\w*|\brate|freq\w*)\W*([\d.]+)\s*(k?hz)",
     re.I,
 )
-DATED = re.compile(r"\d+[-/.:]\d+[-/.:]\d")
+_DATED = re.compile(r"\d+[-/.:]\d+[-/.:]\d")
 """How a date in numbers, or a time of day, begins."""
 _UNIT = re.compile(r"[\[(<]\s*([^\])>]+?)\s*[\])>]\s*$")
 _PLAIN_UNIT = re.compile(
@@ -178,7 +178,7 @@ def _is_number(part: str, decimal: str) -> bool:
     try:
         float(part.replace(",", ".") if decimal == "," else part)
     except ValueError:
-        return bool(DATED.match(part))
+        return bool(_DATED.match(part))
     return True
 
 
