@@ -63,8 +63,9 @@ def _ordered(time_s: Array, values: Values) -> tuple[Array, Values, tuple[str, .
 def _going_on(time_s: Array) -> tuple[Array, tuple[str, ...]]:
     """Return times of a clock that was set back, going on; what was done.
 
-    Rows that stay behind and fill a hole between rows before them came late; else the clock was set back. Half
-    hours are daylight time, which is known to the row; by how much another clock was set nobody knows.
+    Rows that stay behind and fill a hole between rows before them, or precede them all and are followed by what
+    goes on from these, came late; else the clock was set back. Half hours are daylight time, which is known to
+    the row; by how much another clock was set nobody knows.
     """
     apart = np.diff(time_s)
     usual_s = float(np.median(apart[apart > 0.0])) if (apart > 0.0).any() else 0.0
@@ -75,7 +76,8 @@ def _going_on(time_s: Array) -> tuple[Array, tuple[str, ...]]:
         behind = time_s[row:] < time_s[at]
         block = time_s[row : row + (len(behind) if behind.all() else int(np.argmin(behind)))]
         first, last = np.searchsorted(np.sort(time_s[:row]), (block.min(), block.max()))
-        if len(block) < _STAYS or 0 < first == last:
+        returns = not behind.all() and block.max() < time_s[at] - _NEAR * usual_s
+        if len(block) < _STAYS or (first == last and (first > 0 or returns)):
             continue
         half_hours = np.rint((usual_s - apart[at]) / _HALF_HOUR_S)
         step_s = apart[at] + half_hours * _HALF_HOUR_S

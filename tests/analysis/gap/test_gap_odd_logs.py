@@ -104,6 +104,7 @@ def _holes(rows: Rows, rng: np.random.Generator) -> Rows:
 _LOGS = {
     "rows written late": _late_rows,
     "rows in any order": lambda rows, rng: rng.permutation(rows),
+    "the first 4 s written late": lambda rows, rng: np.concatenate((rows[20:80], rows[:20], rows[80:])),
     "rows twice": _twice,
     "the clock set by 8 ms": _clock_set(0.008),
     "the clock set back by 8 ms": _clock_set(-0.008),
