@@ -213,7 +213,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
             "tests/analysis/gap/test_gap_platform test_gap_corners_by_hand",
         ),
         _part(
-            "bench/analysis/gap/_information _identify _outlook _designs _simulation",
+            "bench/analysis/gap/_information _identify _outlook _columns _designs _simulation",
             "tests/analysis/gap/test_gap_periods_by_hand test_gap_limits_by_hand",
             "tests/analysis/gap/test_gap_tables_by_hand test_gap_pieces_by_hand",
             "tests/analysis/gap/test_gap_curves_by_hand test_gap_closing_by_hand test_gap_maps_by_hand",

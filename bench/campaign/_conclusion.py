@@ -95,7 +95,7 @@ class Conclusion:
         """Whether one of these was found without a run and is in it."""
         for held_out in reversed(self.given):
             others = [run for run in self.given if run is not held_out]
-            if _seen_in(held_out, self.one_of, others, self.nominal)[0]:
+            if _look(held_out, self.one_of, others, self.nominal).seen:
                 return True
         return False
 
@@ -334,31 +334,47 @@ def _diagnosed(
 def _confirmed(
     labels: Sequence[frozenset[str]], runs: Sequence[Recordings], model: Model
 ) -> tuple[bool, frozenset[str]]:
-    """Return whether any run, the newest first, has shown one of some explanations found in the runs before it.
+    """Return whether a run, the newest first, has shown one of some explanations found in the runs before it.
 
-    Else what a further run has to show of the first of them.
+    Else what a further run has to show of the first of them. What was found before other runs spoke for something
+    else, and showed then, was refuted by these.
     """
     if not labels[0]:
         return True, frozenset()
-    looks = (_seen_in(runs[place], labels, runs[:place], model) for place in reversed(range(len(runs))))
-    newest = next(looks)
-    return (True, frozenset()) if newest[0] or any(seen for seen, _ in looks) else newest
+    looks = []
+    for place in reversed(range(len(runs))):
+        looks.append(_look(runs[place], labels, runs[:place], model))
+        if looks[-1].seen:
+            return True, frozenset()
+        if not looks[-1].found:
+            break
+    return False, looks[0].unseen
 
 
-def _seen_in(
+@dataclass(frozen=True)
+class _Look:
+    """Whether one of some explanations was `found` in other runs, and `seen` in a run; else what is `unseen`."""
+
+    found: bool
+    seen: bool
+    unseen: frozenset[str]
+
+
+def _look(
     held_out: Recordings, labels: Sequence[frozenset[str]], others: Sequence[Recordings], model: Model
-) -> tuple[bool, frozenset[str]]:
-    """Return whether a run has shown one of some explanations found in others; else what it has not shown."""
+) -> _Look:
+    """Look for explanations in others, and at what they foretell of a run."""
     first = labels[0]
     before = _diagnosed(others, model, [held_out])
     if before is None:
-        return False, first
-    unknown = {gap.UNKNOWN} if before.rate.unknown_probability > 0.5 else set()
-    names = unknown.union(cause.name for cause in before.rate.causes)
+        return _Look(False, False, first)
+    noise = set(before.rate.stochastic)
+    other = noise | ({gap.UNKNOWN} if before.rate.unknown_probability > 0.5 else set())
+    names = other.union(cause.name for cause in before.rate.causes)
     # what is the form of another effect has a name of its own in the sets
-    forms = unknown.union(*(cause.effects for cause in before.rate.causes))
+    forms = other.union(*(cause.effects for cause in before.rate.causes))
     held = [each for each in before.rate.held_out if each.cells]
-    same = names in labels or forms in labels
-    if same and (gap.UNKNOWN in names or any(each.low > 0.0 for each in held)):
-        return True, frozenset()
-    return False, (first - forms) or first
+    found = names in labels or forms in labels
+    # no share of a gap tells of noise, nor of what has no name
+    seen = found and (gap.UNKNOWN in names or names == noise or any(each.low > 0.0 for each in held))
+    return _Look(found, seen, frozenset() if seen else (first - forms) or first)

@@ -18,10 +18,10 @@ import numpy as np
 
 from bench.analysis.gap import Design, Model, Recordings, designs_for, outlook, parse_model, read_model
 from bench.analysis.gap._candidates import effects_beside
+from bench.analysis.gap._columns import usual_variant
 from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._designs import usual_designs
 from bench.analysis.gap._model_file import Term
-from bench.analysis.gap._outlook import usual_variant
 from bench.lab.emulated import Plant, unit_seed
 from bench.record.benchfile import BenchFile, load_bench_file
 from benchmarks.gap_exam._family import Effect, Family, Unit

@@ -109,7 +109,8 @@ def test_one_of_several_is_shown_by_any_run_that_was_left_out(monkeypatch):
         found = "thermal_lag" if held_out == ["second"] else "gradient"
         held = [SimpleNamespace(low=0.4, cells=2)]
         causes = (SimpleNamespace(name=found, effects={found}),)
-        return SimpleNamespace(rate=SimpleNamespace(causes=causes, unknown_probability=0.1, held_out=held))
+        rate = SimpleNamespace(causes=causes, unknown_probability=0.1, held_out=held, stochastic={})
+        return SimpleNamespace(rate=rate)
 
     monkeypatch.setattr(_conclusion, "_diagnosed", diagnosed)
     searched = now
@@ -200,17 +201,27 @@ def test_what_is_named_is_confirmed_when_it_was_found_again_and_foretold_some_of
     named = SimpleNamespace(name="shupe", effects={"shupe"})
     explained = [frozenset({"shupe"})]
 
-    def judged(low, cells=3, causes=(named,), unknown=0.1):
+    def judged(low, cells=3, causes=(named,), unknown=0.1, noise=(), labels=explained):
         rate = SimpleNamespace(
-            causes=causes, unknown_probability=unknown, held_out=[SimpleNamespace(low=low, cells=cells)]
+            causes=causes,
+            unknown_probability=unknown,
+            held_out=[SimpleNamespace(low=low, cells=cells)],
+            stochastic=dict.fromkeys(noise, 0.95),
         )
         monkeypatch.setattr(_conclusion, "_diagnosed", lambda *_: SimpleNamespace(rate=rate))
-        return _conclusion._confirmed(explained, [1, 2], None)
+        return _conclusion._confirmed(labels, [1, 2], None)
 
     assert judged(0.02) == (True, frozenset())
     # nothing of it was foretold, nothing of it shows there, another was named, something unknown beside
     assert judged(-0.02) == judged(0.3, cells=0) == (False, frozenset({"shupe"}))
     assert judged(0.9, causes=()) == judged(0.9, unknown=0.6) == (False, frozenset({"shupe"}))
+    # noise beside it belongs to the answer; of noise alone no share of a gap tells
+    line, both = frozenset({"line"}), frozenset({"line", "shupe"})
+    assert judged(0.02, noise=["line"], labels=[both]) == (True, frozenset())
+    assert judged(0.02, noise=["line"]) == (False, frozenset({"shupe"}))
+    assert judged(0.02, labels=[both]) == (False, line)
+    assert judged(math.nan, 0, causes=(), noise=["line"], labels=[line]) == (True, frozenset())
+    assert judged(math.nan, 0, causes=(), labels=[line]) == (False, line)
     assert _conclusion._confirmed([frozenset()], [1], None) == (True, frozenset())
 
 
@@ -218,7 +229,7 @@ def test_what_is_named_as_the_form_of_another_effect_is_seen_with_it(monkeypatch
     both = [frozenset({"table_wobble_once", "table_wobble_twice"})]
     one = SimpleNamespace(name="table_wobble_once", effects=set(both[0]))
     rate = SimpleNamespace(
-        causes=[one], unknown_probability=0.1, held_out=[SimpleNamespace(low=0.4, cells=2)]
+        causes=[one], unknown_probability=0.1, held_out=[SimpleNamespace(low=0.4, cells=2)], stochastic={}
     )
     monkeypatch.setattr(_conclusion, "_diagnosed", lambda *_: SimpleNamespace(rate=rate))
     assert _conclusion._confirmed(both, [1, 2], None) == (True, frozenset())
@@ -287,17 +298,24 @@ def test_a_run_before_an_end_lasts_no_longer_than_the_runs_so_far_together():
 
 def test_what_is_named_may_have_shown_in_any_run_after_those_that_it_was_found_in(monkeypatch):
     """The newest run may be one in which it does not act."""
-    seen, first = [], frozenset({"shupe"})
+    looked, label = [], frozenset({"shupe"})
 
-    def judged(held_out, labels, others, model):
+    def look(held_out, labels, others, model):
         assert others == [run for run in (1, 2, 3) if run < held_out]
-        seen.append(held_out)
-        return (True, frozenset()) if held_out == 2 else (False, frozenset({f"run {held_out}"}))
+        looked.append(held_out)
+        found, seen = looks[held_out]
+        return _conclusion._Look(found, seen, frozenset({f"run {held_out}"}))
 
-    monkeypatch.setattr(_conclusion, "_seen_in", judged)
-    assert _conclusion._confirmed([first], [1, 2, 3], None) == (True, frozenset())
-    assert seen == [3, 2]
-    assert _conclusion._confirmed([first], [1], None) == (False, frozenset({"run 1"}))
+    monkeypatch.setattr(_conclusion, "_look", look)
+    looks = {3: (True, False), 2: (True, True), 1: (False, False)}
+    assert _conclusion._confirmed([label], [1, 2, 3], None) == (True, frozenset())
+    assert looked == [3, 2]
+    assert _conclusion._confirmed([label], [1], None) == (False, frozenset({"run 1"}))
+    # before the newest run something else was found: what run 2 had shown was refuted
+    looks[3] = (False, False)
+    looked.clear()
+    assert _conclusion._confirmed([label], [1, 2, 3], None) == (False, frozenset({"run 3"}))
+    assert looked == [3]
 
 
 def test_what_no_run_shows_clearly_is_confirmed_in_one_that_shows_it_faintly():

@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.analysis.gap._candidates import effects_beside
+from bench.analysis.gap._columns import Columns, usual_variant
 from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._designs import Design
 from bench.analysis.gap._heat import heat_of
 from bench.analysis.gap._model_file import Model
-from bench.analysis.gap._outlook import Columns, usual_variant
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 from simulators.effects import Parameter, Variant

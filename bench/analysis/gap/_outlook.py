@@ -11,26 +11,21 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.analysis.gap._candidates import effects_beside
-from bench.analysis.gap._cells import Cell, group_cells
-from bench.analysis.gap._data import GapRun, group_runs
+from bench.analysis.gap._columns import Columns, usual_variant
+from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._designs import Design
 from bench.analysis.gap._evidence import reduced
-from bench.analysis.gap._fit import weighted_gram
 from bench.analysis.gap._heat import Heat, heat_of
 from bench.analysis.gap._information import Alikeness, Foretold, alikeness, deflection, expected_if
 from bench.analysis.gap._model_file import Model, Term
-from bench.analysis.gap._predictions import fitted, log_odds, tolerant_gram
-from bench.analysis.gap._prepare import stack_of
+from bench.analysis.gap._predictions import fitted, log_odds
 from bench.analysis.gap._rate import RateFinding
 from drivers.base.arrays import Array
-from simulators.effects import Effect, Variant
 
 UNKNOWN = "unknown"
 _WORTH_FINDING = 40.0
@@ -56,7 +51,10 @@ Label = frozenset[str]
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """What may be true: effects as fitted, and perhaps a hidden one beside them, of which the size is unknown."""
+    """What may be true: effects as fitted, and perhaps a hidden one beside them, of which the size is unknown.
+
+    The label has the noise effects and disturbances, too, that the diagnosis names beside any of them.
+    """
 
     label: Label
     probability: float
@@ -151,15 +149,15 @@ class Outlook:
         """Return the shortest run in which some leading effects stand so far above the noise, if there is one.
 
         A run of another kind than those made comes before one of the same: a wrong form that was fitted to a run
-        fits its repeat as well.
+        fits its repeat as well. Noise and disturbances alone show in any run.
         """
         terms = [term for term in self.leading.terms if term.name in names] or list(self.leading.terms)
-        mean = self._columns.values(terms)
+        mean, anywhere = self._columns.values(terms), not terms and UNKNOWN not in names
         for design in sorted(self.designs, key=lambda each: (each.key in self._made, each.hours)):
             if design.hours > most_h:
                 continue
             plain = reduced(self._grams(design)[0], self.model.sigmas)[1:, 1:]
-            if deflection(plain, mean) >= least:
+            if anywhere or deflection(plain, mean) >= least:
                 return Choice(design, self.information(design))
         return None
 
@@ -209,7 +207,7 @@ def outlook(
     named = [replace(each, probability=each.probability / total) for each in named]
     leading = max(named, key=lambda each: each.probability)
     usual = {name: usual_variant(effect) for name, effect in effects.items()}
-    columns = Columns(known, usual).with_terms(named)
+    columns = Columns(known, usual).with_terms([term for each in named for term in each.terms])
     acting = columns.values(leading.terms)
     heat = heat_of(recorded)
     foretold = [[run if heat is None else heat.on(run) for run in design.runs()] for design in designs]
@@ -305,99 +303,25 @@ def information_gained(before: Mapping[str, float], after: Mapping[str, float]) 
     return max(gained, 0.0)
 
 
-class Columns:
-    """Columns of the effects that a model lacks, each in its usual form, and of fitted terms after them."""
-
-    def __init__(self, model: Model, usual: Mapping[str, Variant], fitted: Sequence[Variant] = ()) -> None:
-        self._model, self._usual = model, usual
-        self.variants = [*usual.values(), *fitted]
-        ends = np.cumsum([0, *(len(each.effect.parameters) for each in self.variants)]).tolist()
-        self._places = [slice(start, end) for start, end in pairwise(ends)]
-        self.count = int(ends[-1])
-
-    def usual(self, name: str) -> slice:
-        """Return where the columns of an effect's usual form are."""
-        return self._places[list(self._usual).index(name)]
-
-    def place(self, variant: Variant) -> slice:
-        """Return where the columns of a fitted term are."""
-        return next(place for place, own in zip(self._places, self.variants, strict=True) if own is variant)
-
-    def with_terms(self, explanations: Sequence[Explanation]) -> Columns:
-        """Return the columns with those of all terms of some explanations."""
-        fitted = {id(term.variant): term.variant for each in explanations for term in each.terms}
-        return Columns(self._model, self._usual, list(fitted.values()))
-
-    def values(self, terms: Sequence[Term]) -> Array:
-        """Return the coefficients (p,) of some fitted terms."""
-        values = np.zeros(self.count)
-        for term in terms:
-            values[self.place(term.variant)] += np.array(term.values)
-        return values
-
-    def bounds(self, coarseness: float) -> Array:
-        """Return the largest size of each coefficient, (p,)."""
-        every = [parameter for variant in self.variants for parameter in variant.effect.parameters]
-        return np.array([max(map(abs, parameter.bounds(coarseness))) for parameter in every])
-
-    def indices(self, places: Sequence[slice]) -> NDArray[np.int64]:
-        """Return the indices among [nominal, effects' columns] of the nominal ones and those at some places."""
-        q = len(self._model.sigmas)
-        return np.unique(np.concatenate([np.arange(q), *(q + np.arange(p.start, p.stop) for p in places)]))
-
-    def gram(self, runs: Sequence[GapRun]) -> Array:
-        """Return the whitened columns' products in some runs, (p, p), what the nominal model can imitate out."""
-        return reduced(self.products(runs, np.zeros(self.count))[0], self._model.sigmas)[1:, 1:]
-
-    def products(
-        self, runs: Sequence[GapRun], acting: Array, before: Array | None = None
-    ) -> tuple[Array, Array]:
-        """Return products of whitened [data, nominal, effects' columns], and the same on the effects' misfit.
-
-        `acting` (p,): the coefficients of what acts; `before`: the products before. Zero without runs.
-        """
-        cells: list[Cell] = []
-        for group in group_runs(runs):
-            cells += group_cells(group, stack_of(group, self._model, self.variants), self._model.noise)
-        if not cells:
-            size = 1 + len(self._model.sigmas) + self.count
-            return np.zeros((size, size)), np.zeros((size, size))
-        plain = weighted_gram(cells, np.ones(len(cells)))
-        every = plain if before is None else plain + before
-        return plain, tolerant_gram(cells, every, self._model.sigmas, acting)
-
-
-def usual_variant(effect: Effect) -> Variant:
-    """Return the point of an effect's grid of shapes nearest to the middle of each; of equals the last."""
-    variants = effect.variants()
-    ranks = [
-        {value: rank for rank, value in enumerate(sorted({each.shape[name] for each in variants}))}
-        for name in variants[0].shape
-    ]
-
-    def off(variant: Variant) -> float:
-        places = zip(ranks, variant.shape.values(), strict=True)
-        return sum(abs(2.0 * rank[value] / max(len(rank) - 1, 1) - 1.0) for rank, value in places)
-
-    return min(reversed(variants), key=off)
-
-
 def _named(finding: RateFinding | None) -> list[Explanation]:
     """Return what a diagnosis holds possible, with the terms that it fitted."""
     if finding is None:
         return [Explanation(frozenset(), 1.0)]
+    beside = frozenset(finding.stochastic)
     terms = {name: term for cause in finding.causes for name, term in cause.rivals.items()}
     terms |= {term.name: term for cause in (*finding.resembles, *finding.causes) for term in cause.terms}
     unknown = finding.unknown_probability if finding.unknown_probability > _DOUBTED else 0.0
     found = [
-        Explanation(label, probability * (1.0 - unknown), tuple(terms[name] for name in sorted(label)))
+        Explanation(
+            label | beside, probability * (1.0 - unknown), tuple(terms[name] for name in sorted(label))
+        )
         for label, probability in finding.set_probabilities.items()
         if label <= terms.keys() and probability > _LEAST
     ]
     if unknown > _LEAST:
-        label = frozenset({UNKNOWN, *(cause.name for cause in finding.causes)})
+        label = beside.union({UNKNOWN}, (cause.name for cause in finding.causes))
         curves = [part.term for part in finding.unknown_parts if part.term is not None]
         learned = finding.learned.terms if finding.learned and not curves else ()
         parts = (*(term for cause in finding.causes for term in cause.terms), *curves, *learned)
         found.append(Explanation(label, unknown, parts))
-    return found or [Explanation(frozenset(), 1.0)]
+    return found or [Explanation(beside, 1.0)]

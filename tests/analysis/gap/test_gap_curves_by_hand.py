@@ -361,11 +361,17 @@ def cause(name, rivals=(), size=50.0):
     return Cause(name, "", 0.9, term(name), {}, {each: term(each) for each in rivals})
 
 
-def told(causes, sets, unknown=0.05, resembles=(), parts=(), learned=None):
+def told(causes, sets, unknown=0.05, resembles=(), parts=(), learned=None, noise=()):
     return SimpleNamespace(
-        causes=causes, resembles=resembles, set_probabilities={frozenset(k): v for k, v in sets.items()},
-        unknown_probability=unknown, unknown_parts=parts, learned=learned, nominal=Model("m", (), Noise(0.004)),
-    )  # fmt: skip
+        causes=causes,
+        resembles=resembles,
+        set_probabilities={frozenset(k): v for k, v in sets.items()},
+        unknown_probability=unknown,
+        unknown_parts=parts,
+        learned=learned,
+        stochastic=dict.fromkeys(noise, 0.95),
+        nominal=Model("m", (), Noise(0.004)),
+    )
 
 
 def test_explanations_are_the_sets_that_a_diagnosis_holds_possible():
@@ -395,6 +401,11 @@ def test_explanations_are_the_sets_that_a_diagnosis_holds_possible():
     without = _named(told((), {(): 1.0}, 0.4, learned=learned))[-1]
     assert without.label == {UNKNOWN} and without.terms == learned.terms
     assert [each.label for each in _named(told((), {}, 0.05))] == [frozenset()]
+    # what is named of noise acts in each, with something unknown beside as well
+    noisy = _named(told((shupe,), {("shupe",): 0.9, (): 0.1}, 0.4, noise=["quantisation"]))
+    labels = [each.label for each in noisy]
+    assert labels == [{"shupe", "quantisation"}, {"quantisation"}, {UNKNOWN, "shupe", "quantisation"}]
+    assert [each.label for each in _named(told((), {}, 0.05, noise=["quantisation"]))] == [{"quantisation"}]
 
 
 @pytest.fixture(scope="module")

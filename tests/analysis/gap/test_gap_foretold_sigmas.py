@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.gap import designs_for, diagnose, foretell, parse_model, read_model
-from bench.analysis.gap._outlook import usual_variant
+from bench.analysis.gap._columns import usual_variant
 from bench.present.cli.gap import _foretell as command
 from bench.record.benchfile import load_bench_file
 from drivers.base.errors import ConfigurationError

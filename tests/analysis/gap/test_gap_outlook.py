@@ -7,12 +7,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.analysis.gap import Design, designs_for, information_gained, other_equipment, outlook, read_model
+from bench.analysis.gap import (
+    Design,
+    designs_for,
+    diagnose,
+    information_gained,
+    other_equipment,
+    outlook,
+    read_model,
+)
 from bench.analysis.gap._candidates import effects_beside
+from bench.analysis.gap._columns import Columns, usual_variant
 from bench.analysis.gap._designs import usual_designs
 from bench.analysis.gap._information import Foretold, expected_information
 from bench.analysis.gap._model_file import Term
-from bench.analysis.gap._outlook import Columns, Explanation, _odds, foreseeable, usual_variant
+from bench.analysis.gap._outlook import Explanation, _odds, foreseeable
 from bench.control.procedure import beyond_limits
 from bench.record.benchfile import load_bench_file
 from simulators.effects import Variant
@@ -111,13 +120,29 @@ def test_what_a_named_effect_imitates_in_the_runs_stays_possible_beside_it(desig
     leading = Explanation(frozenset({"scale_factor_asymmetry"}), 1.0, (term("scale_factor_asymmetry", 12.0),))
     names = ["vibration_rectification", "bias_quadratic"]
     usual = {name: usual_variant(effects_beside(MODEL)[name]) for name in ("scale_factor_asymmetry", *names)}
-    columns = Columns(MODEL, usual).with_terms([leading])
+    columns = Columns(MODEL, usual).with_terms(leading.terms)
     seen = columns.products(recorded(rates), columns.values(()))[0]
     prior = np.concatenate((np.full(len(MODEL.sigmas), 1e-9), columns.bounds(MODEL.noise.coarseness)))
     alone = _odds(columns, seen, prior, Explanation(frozenset(), 1.0), names)
     beside = _odds(columns, seen, prior, leading, names)
     assert alone["bias_quadratic"] < 0.1 and beside["bias_quadratic"] < 2.0 * alone["bias_quadratic"]
     assert alone["vibration_rectification"] < 0.1 < 0.3 < beside["vibration_rectification"]
+
+
+def test_a_disturbance_that_the_diagnosis_names_acts_in_every_explanation(designs):
+    """A pump shakes at 0.11 Hz, in another phase each run: the rate's mean has no gap, and yet something acts."""
+    ramp = next(each for each in designs if each.procedure == "thermal-ramp")
+    runs = [
+        replace(run, output_dph=run.output_dph + 3.0 * np.sin(2.0 * np.pi * 0.11 * run.stimulus.time_s + k))
+        for k, run in enumerate(recorded(ramp))
+    ]
+    after = outlook(diagnose(runs, MODEL).rate, MODEL, runs, designs, {ramp.key: runs})
+    assert after.leading.label == {"vibration_or_mains_line"}
+    assert all("vibration_or_mains_line" in label for label in after.probabilities)
+    # any run shows it again: the shortest will do
+    again = after.showing(after.leading.label, math.inf, 10.0)
+    assert again.design.hours == min(each.hours for each in designs if each.key != ramp.key)
+    assert after.showing(frozenset({"unknown"}), math.inf, 10.0) is None
 
 
 def test_a_formula_may_miss_as_much_where_the_nominal_model_could_imitate_the_effect(designs):
