@@ -373,8 +373,8 @@ def _look(
     names = other.union(cause.name for cause in before.rate.causes)
     # what is the form of another effect has a name of its own in the sets
     forms = other.union(*(cause.effects for cause in before.rate.causes))
-    held = [each for each in before.rate.held_out if each.cells]
     found = names in labels or forms in labels
-    # no share of a gap tells of noise, nor of what has no name
-    seen = found and (gap.UNKNOWN in names or names == noise or any(each.low > 0.0 for each in held))
+    # what less than half of is there is no cause any more; no share of a gap tells of noise or what has no name
+    held = any(math.isfinite(before.rate.held.get(cause.name, math.nan)) for cause in before.rate.causes)
+    seen = found and (gap.UNKNOWN in names or names == noise or held)
     return _Look(found, seen, frozenset() if seen else (first - forms) or first)

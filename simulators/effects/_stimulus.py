@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -117,6 +117,10 @@ class Stimulus:
         return {}
 
     @cached_property
+    def _plays(self) -> dict[tuple[int, float], tuple[Array, Array]]:
+        return {}
+
+    @cached_property
     def warm_k(self) -> Array:
         """T_in above 25 degC, smoothed over a minute, (n,)."""
         return self._smooth(self.t_in_c) - REFERENCE_C
@@ -160,11 +164,22 @@ class Stimulus:
 
         Of every tenth sample (Visintin 1994, ch. III), interpolated: what it follows is slow.
         """
-        if half_width <= 0.0:
-            return np.zeros(len(values))
+        return self.slacks(values, (half_width,), np.asarray) if half_width > 0.0 else np.zeros(len(values))
+
+    def slacks(self, values: Array, half_widths: Sequence[float], curve: Callable[[Array], Array]) -> Array:
+        """Return by how much the mean of a curve of some plays is off the curve of their input, (n,)."""
         few = values[::10]
+        plays = [self._played(values, half) if half > 0.0 else few for half in half_widths]
+        off = sum((curve(each) for each in plays), start=np.zeros(len(few))) / len(plays) - curve(few)
         every = np.arange(len(values), dtype=np.float64)
-        return np.asarray(np.interp(every, every[::10], play(few, half_width) - few))
+        return np.asarray(np.interp(every, every[::10], off))
+
+    def _played(self, values: Array, half_width: float) -> Array:
+        key = id(values), half_width
+        if key not in self._plays:
+            # kept with its input, whose id stays its own so long
+            self._plays[key] = values, play(values[::10], half_width)
+        return self._plays[key][1]
 
     def _smooth(self, values: Array) -> Array:
         from scipy.ndimage import uniform_filter1d

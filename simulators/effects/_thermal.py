@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 
@@ -183,11 +184,11 @@ def _loop(s: Stimulus, shape: Shape) -> Array:
     Relays of one width whose middles lie about a temperature are such a curve (Mayergoyz, Mathematical Models of
     Hysteresis, 1991).
     """
-    half, spread = shape["half_width_k"], shape.get("spread", 0.0)
+    half, spread, static = shape["half_width_k"], shape.get("spread", 0.0), shape.get("static", 0.0)
     parts = (0.0,) if spread <= 0.0 else (-1.0, -0.5, 0.0, 0.5, 1.0)
-    plays = [s.warm_k + s.slack(s.warm_k, half * (1.0 + spread * part)) for part in parts]
-    still = (1.0 - shape.get("static", 0.0)) * _flat(s.warm_k, shape)
-    return np.asarray(sum(_flat(each, shape) for each in plays) / len(parts) - still)
+    halves = [half * (1.0 + spread * part) for part in parts]
+    off = s.slacks(s.warm_k, halves, partial(_flat, shape=shape))
+    return off + static * _flat(s.warm_k, shape) if static else off
 
 
 def _flat(above_k: Array, shape: Shape) -> Array:

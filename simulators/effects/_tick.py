@@ -8,6 +8,7 @@ up to half a minute later and are rounded off; for lags of minutes this is below
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from typing import NoReturn, cast
 
 import numpy as np
@@ -64,6 +65,11 @@ class Tick(_InPlaceOfStimulus):
         """Return by how much a play operator is off its input: it moves only when pushed."""
         before = self._before(value)
         return self._keep(min(max(before, value - half_width), value + half_width)) - value
+
+    def slacks(self, value: float, half_widths: Sequence[float], curve: Callable[[float], float]) -> float:
+        """Return by how much the mean of a curve of some plays is off the curve of their input."""
+        plays = [value + self.slack(value, half) for half in half_widths]
+        return sum(curve(each) for each in plays) / len(plays) - curve(value)
 
     def _before(self, first: float) -> float:
         if self._calls == len(self._memory):

@@ -107,9 +107,8 @@ def test_one_of_several_is_shown_by_any_run_that_was_left_out(monkeypatch):
     def diagnosed(runs, model, held_out):
         assert held_out[0] not in runs and len(runs) == len(searched.given) - 1
         found = "thermal_lag" if held_out == ["second"] else "gradient"
-        held = [SimpleNamespace(low=0.4, cells=2)]
         causes = (SimpleNamespace(name=found, effects={found}),)
-        rate = SimpleNamespace(causes=causes, unknown_probability=0.1, held_out=held, stochastic={})
+        rate = SimpleNamespace(causes=causes, unknown_probability=0.1, held={found: 0.9}, stochastic={})
         return SimpleNamespace(rate=rate)
 
     monkeypatch.setattr(_conclusion, "_diagnosed", diagnosed)
@@ -201,27 +200,27 @@ def test_what_is_named_is_confirmed_when_it_was_found_again_and_foretold_some_of
     named = SimpleNamespace(name="shupe", effects={"shupe"})
     explained = [frozenset({"shupe"})]
 
-    def judged(low, cells=3, causes=(named,), unknown=0.1, noise=(), labels=explained):
+    def judged(part, causes=(named,), unknown=0.1, noise=(), labels=explained):
         rate = SimpleNamespace(
             causes=causes,
             unknown_probability=unknown,
-            held_out=[SimpleNamespace(low=low, cells=cells)],
+            held={"shupe": part, "withdrawn": 0.2},
             stochastic=dict.fromkeys(noise, 0.95),
         )
         monkeypatch.setattr(_conclusion, "_diagnosed", lambda *_: SimpleNamespace(rate=rate))
         return _conclusion._confirmed(labels, [1, 2], None)
 
-    assert judged(0.02) == (True, frozenset())
-    # nothing of it was foretold, nothing of it shows there, another was named, something unknown beside
-    assert judged(-0.02) == judged(0.3, cells=0) == (False, frozenset({"shupe"}))
+    assert judged(0.6) == (True, frozenset())
+    # nothing of it shows there, another was named, something unknown beside
+    assert judged(math.nan) == (False, frozenset({"shupe"}))
     assert judged(0.9, causes=()) == judged(0.9, unknown=0.6) == (False, frozenset({"shupe"}))
     # noise beside it belongs to the answer; of noise alone no share of a gap tells
     line, both = frozenset({"line"}), frozenset({"line", "shupe"})
-    assert judged(0.02, noise=["line"], labels=[both]) == (True, frozenset())
-    assert judged(0.02, noise=["line"]) == (False, frozenset({"shupe"}))
-    assert judged(0.02, labels=[both]) == (False, line)
-    assert judged(math.nan, 0, causes=(), noise=["line"], labels=[line]) == (True, frozenset())
-    assert judged(math.nan, 0, causes=(), labels=[line]) == (False, line)
+    assert judged(0.6, noise=["line"], labels=[both]) == (True, frozenset())
+    assert judged(0.6, noise=["line"]) == (False, frozenset({"shupe"}))
+    assert judged(0.6, labels=[both]) == (False, line)
+    assert judged(math.nan, causes=(), noise=["line"], labels=[line]) == (True, frozenset())
+    assert judged(math.nan, causes=(), labels=[line]) == (False, line)
     assert _conclusion._confirmed([frozenset()], [1], None) == (True, frozenset())
 
 
@@ -229,7 +228,7 @@ def test_what_is_named_as_the_form_of_another_effect_is_seen_with_it(monkeypatch
     both = [frozenset({"table_wobble_once", "table_wobble_twice"})]
     one = SimpleNamespace(name="table_wobble_once", effects=set(both[0]))
     rate = SimpleNamespace(
-        causes=[one], unknown_probability=0.1, held_out=[SimpleNamespace(low=0.4, cells=2)], stochastic={}
+        causes=[one], unknown_probability=0.1, held={"table_wobble_once": 0.9}, stochastic={}
     )
     monkeypatch.setattr(_conclusion, "_diagnosed", lambda *_: SimpleNamespace(rate=rate))
     assert _conclusion._confirmed(both, [1, 2], None) == (True, frozenset())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from bench.analysis.gap._causes import (
 )
 from bench.analysis.gap._cells import BANDS, mixing
 from bench.analysis.gap._close import holding, shrinkage
-from bench.analysis.gap._data import GapRun, Group, by_length, check_runs, unseen
+from bench.analysis.gap._data import GapRun, Group, by_length, check_runs
 from bench.analysis.gap._describe import UnknownPart, crowd_part, differing_parts, shaken_part, unknown_parts
 from bench.analysis.gap._disturbed import Disturbed, lines_hz, without_disturbances
 from bench.analysis.gap._findings import Cause, Finding, Place
@@ -30,9 +30,9 @@ from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._noise import Noise
 from bench.analysis.gap._prepare import Prepared, prepare
 from bench.analysis.gap._reading import without_reading_noise
-from bench.analysis.gap._remarks import of_noise, of_same, of_time
+from bench.analysis.gap._remarks import of_floor, of_noise, of_same, of_time
 from bench.analysis.gap._signal import Signal
-from bench.analysis.gap._stochastic import DATA_SHEET, EFFECT_OF, NoiseVerdict
+from bench.analysis.gap._stochastic import EFFECT_OF, NoiseVerdict
 from bench.analysis.gap._where import RegimePlace, phase_map, places, regime_map
 from bench.analysis.gap._which import Found, judged_sets, left_of_runs, second_look, set_weights
 from drivers.base.arrays import Array
@@ -48,7 +48,6 @@ _JUMPS = 0.95
 """Probability that repeats differ where one of them jumps: as high as any that is stated."""
 _QUANTISATION, _FINER = EFFECT_OF["quantum_arcsec"], 0.2
 """Finest step in a log over a quantum up to which that is not the quantum of what was logged."""
-_LONG_S = 3600.0
 _LOST_FRACTION = 1e-4
 
 
@@ -59,7 +58,8 @@ class RateFinding(Finding[Term]):
     `resembles` are catalogue effects that fit part of what is called unknown. `unidentifiable` maps effects that
     these runs cannot show to the reason. `noise` is the floor; `stochastic` has the noise effects and
     disturbances named with their probability, `disturbed` holds the latter. `learned` is what closes a gap
-    without a name, None where there is none. The verdict is one of "no gap",
+    without a name, None where there is none. `held` has by cause the part of what it adds that held-out runs
+    show, NaN where it adds less than five standard deviations to them. The verdict is one of "no gap",
     "explained", "explained in part", "unknown", "nothing to identify".
     """
 
@@ -77,6 +77,7 @@ class RateFinding(Finding[Term]):
     unknown_parts: tuple[UnknownPart, ...]
     latitude_deg: float
     learned: Learned | None = None
+    held: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def closing(self) -> tuple[str, ...]:
@@ -180,7 +181,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
             terms=(*named, *disturbed.terms),
             warnings=(
                 *data.notes,
-                *_warnings(ready),
+                *of_floor(ready),
                 *_of_lines(found, disturbed),
                 *of_time(causes, runs),
                 *of_same(data.model, runs),
@@ -230,7 +231,9 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
     def judged(
         self, finding: RateFinding, data: _Ready, sets: _Sets, held_out: Sequence[GapRun]
     ) -> RateFinding:
-        finding = _doubted(finding, self._holding(finding, data, sets, held_out), "in held-out runs")
+        parts = self._holding(finding, data, sets, held_out)
+        held = {cause.name: part for cause, part in zip(finding.causes, parts, strict=True)}
+        finding = replace(_doubted(finding, parts, "in held-out runs"), held=held)
         finding = replace(finding, model=_beside(finding.model, sets[0], data.model, finding.causes))
         ready = data.data
         # what the nominal model's own parameters take away is no part of the gap
@@ -385,23 +388,3 @@ def _constant(runs: Sequence[GapRun]) -> bool:
         (1.0, [run.stimulus.angle_deg % 360.0 for run in runs]),
     )
     return all(np.ptp(np.concatenate(values)) < least for least, values in spans)
-
-
-def _warnings(data: Prepared) -> tuple[str, ...]:
-    notes = []
-    if not data.floor.from_repeats:
-        notes.append("no repeated runs: the noise floor rests on " + data.noise.source)
-    if data.noise.source == DATA_SHEET:
-        notes.append("no repeats and no quiet run: a wrong data sheet would look like a gap")
-    runs = [run for group in data.groups for run in group.flat]
-    hidden = {text for run in runs if (text := unseen(run.stimulus))}
-    notes += sorted(hidden)
-    if not hidden and all(np.ptp(run.stimulus.warm_k) < 2.0 for run in runs):
-        notes.append("temperature hardly changes in these runs: no effect of temperature can be seen")
-    longest = max(len(each.runs[0][0].stimulus) * each.runs[0][0].stimulus.period_s for each in data.groups)
-    if longest < _LONG_S:
-        notes.append(
-            f"the longest run has {longest:.0f} s: what takes longer than {longest / 2.0:.0f} s (thermal lags, "
-            "relaxation, bias instability) is not told from the run's own bias"
-        )
-    return tuple(notes)

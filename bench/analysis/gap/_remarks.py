@@ -7,10 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bench.analysis.gap._data import SIGMA_OF_SECOND_DIFFERENCES, GapRun
+from bench.analysis.gap._data import SIGMA_OF_SECOND_DIFFERENCES, GapRun, unseen
 from bench.analysis.gap._findings import Cause
 from bench.analysis.gap._model_file import Model, Term
+from bench.analysis.gap._prepare import Prepared
+from bench.analysis.gap._stochastic import DATA_SHEET
 from simulators.effects import Input
+
+_LONG_S = 3600.0
 
 
 def of_noise(model: Model, runs: Sequence[GapRun]) -> list[str]:
@@ -51,3 +55,24 @@ def of_same(model: Model, runs: Sequence[GapRun]) -> list[str]:
         f"the model was fitted on {', '.join(same)}: what is found beside its terms rests on the same recording, "
         "and is what these left of it; judge it on another (--held-out)"
     ]
+
+
+def of_floor(data: Prepared) -> list[str]:
+    """Say what the noise floor rests on, and what runs as short or as alike as these cannot show."""
+    notes = []
+    if not data.floor.from_repeats:
+        notes.append("no repeated runs: the noise floor rests on " + data.noise.source)
+    if data.noise.source == DATA_SHEET:
+        notes.append("no repeats and no quiet run: a wrong data sheet would look like a gap")
+    runs = [run for group in data.groups for run in group.flat]
+    hidden = {text for run in runs if (text := unseen(run.stimulus))}
+    notes += sorted(hidden)
+    if not hidden and all(np.ptp(run.stimulus.warm_k) < 2.0 for run in runs):
+        notes.append("temperature hardly changes in these runs: no effect of temperature can be seen")
+    longest = max(len(each.runs[0][0].stimulus) * each.runs[0][0].stimulus.period_s for each in data.groups)
+    if longest < _LONG_S:
+        notes.append(
+            f"the longest run has {longest:.0f} s: what takes longer than {longest / 2.0:.0f} s (thermal lags, "
+            "relaxation, bias instability) is not told from the run's own bias"
+        )
+    return notes

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -86,6 +86,14 @@ def second_look(found: Found, model: Model, variants: Sequence[Variant]) -> tupl
     return few, gathered(data.groups, data.stacks, noise, model, taken)
 
 
+_Place = tuple[int, tuple[tuple[str, float], ...]]
+
+
+def _place(variant: Variant) -> _Place:
+    """Return which effect a variant is of, and where its shapes are."""
+    return id(variant.effect), tuple(sorted((key, float(value)) for key, value in variant.shape.items()))
+
+
 def _gram_of(found: Found, model: Model) -> Callable[[Sequence[Variant]], Array]:
     """Return what gives the weighted products of [data, variants' columns], nominal columns projected out."""
     data, nominal = found.data, range(1 + len(model.sigmas))
@@ -97,16 +105,31 @@ def _gram_of(found: Found, model: Model) -> Callable[[Sequence[Variant]], Array]
         whiten.append(whitened_rows(group, stack, data.noise.noise, variance[start:stop]))
         own.append(whiten[-1](stack.chosen(nominal)))
         start = stop
+    before: dict[_Place, list[Array]] = {}
+    """By group the rows of the variants that were asked for the last time: most stay where they were."""
 
-    def gram(variants: Sequence[Variant]) -> Array:
+    def rows_of(variants: Sequence[Variant]) -> Iterator[list[Array]]:
+        """Yield by group the rows (k, coefficients) of each variant, all at once for few calls."""
+
         def columns(run: GapRun) -> list[Array]:
             return [variant.columns(run.stimulus) for variant in variants]
 
+        ends = np.cumsum([len(variant.effect.parameters) for variant in variants])[:-1]
+        for group, stack, weighted in zip(data.groups, data.stacks, whiten, strict=True):
+            fresh = stacked(group.flat, columns, [False] * len(variants), stack.filled_for)
+            yield np.split(weighted(fresh.full), ends)
+
+    def gram(variants: Sequence[Variant]) -> Array:
+        places = [_place(variant) for variant in variants]
+        fresh = {place: each for place, each in zip(places, variants, strict=True) if place not in before}
+        parts = zip(*rows_of([*fresh.values()]), strict=True) if fresh else ()
+        known = before | dict(zip(fresh, map(list, parts), strict=True))
+        before.clear()
+        before.update({place: known[place] for place in places})
         size = len(nominal) + sum(len(variant.effect.parameters) for variant in variants)
         total = np.zeros((size, size))
-        for group, stack, weighted, fixed in zip(data.groups, data.stacks, whiten, own, strict=True):
-            fresh = stacked(group.flat, columns, [False] * len(variants), stack.filled_for)
-            rows = np.concatenate((fixed, weighted(fresh.full)))
+        for index, fixed in enumerate(own):
+            rows = np.concatenate((fixed, *(before[place][index] for place in places)))
             total += rows @ rows.T
         return reduced(total, model.sigmas)
 

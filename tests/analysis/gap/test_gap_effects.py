@@ -107,6 +107,20 @@ def test_relays_about_a_temperature_are_a_flat_curve_of_a_play() -> None:
     assert whole - loops == pytest.approx(flat_k * np.tanh((t_in_c - centre_c) / flat_k))
 
 
+def test_loops_are_the_mean_of_bent_plays_of_five_widths_at_every_sample() -> None:
+    n, half_k, centre_c, curl = 6_000, 7.0, 0.0, 1.6
+    flat_k = 50.0 / curl
+    warm = stimulus(n)
+    turns = np.interp(np.arange(n), np.linspace(0, n - 1, 6), [25.0, -38.0, 60.0, -10.0, 20.0, -40.0])
+    s = Stimulus(warm.time_s, turns, turns, warm.angle_deg, warm.elevation_deg, 39.1)
+    plays = [play(s.warm_k, half_k * (1.0 + 0.6 * part)) for part in (-1.0, -0.5, 0.0, 0.5, 1.0)]
+    bent = [flat_k * np.tanh((each + 25.0 - centre_c) / flat_k) for each in (*plays, s.warm_k)]
+    shape = {"half_width_k": half_k, "spread": 0.6, "curl": curl, "centre_c": centre_c, "static": 0.0}
+    loops = effect("hysteresis").columns(s, shape)[0]
+    assert np.abs(loops).max() > 5.0
+    assert loops == pytest.approx(np.mean(bent[:5], axis=0) - bent[5], abs=0.1)
+
+
 def test_a_curl_too_small_to_see_leaves_a_play_and_a_straight_line() -> None:
     n = 2_000
     t_in_c = 25.0 + 40.0 * np.sin(np.arange(n) / 150.0)

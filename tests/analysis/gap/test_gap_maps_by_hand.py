@@ -156,8 +156,13 @@ def test_products_of_any_variants_are_weighted_as_those_of_the_search(searched):
         total += own @ own.T
     expected = reduced(total, model.sigmas)
     size = np.sqrt(np.diag(expected))
-    found_size = _gram_of(found, model)(variants) / np.outer(size, size)
+    gram = _gram_of(found, model)
+    found_size = gram(variants) / np.outer(size, size)
     assert found_size == pytest.approx(expected / np.outer(size, size), abs=2e-3)
+    # what was asked for before, in another order or beside others, is no other
+    few = [*variants[1::-1], effect("bias_quadratic").variants()[0]]
+    assert gram(few) == pytest.approx(_gram_of(found, model)(few), rel=1e-12)
+    assert gram(variants) == pytest.approx(found_size * np.outer(size, size), rel=1e-12)
 
 
 def test_a_second_look_keeps_the_best_points_and_finds_the_time_between_them(searched):

@@ -35,8 +35,8 @@ from bench.analysis.gap._rate import (
     _shaken,
     _stochastic,
     _verdict,
-    _warnings,
 )
+from bench.analysis.gap._remarks import of_floor
 from bench.analysis.gap._stochastic import NoiseVerdict
 from bench.analysis.gap._unknown import Remainder
 from bench.analysis.gap._which import set_weights
@@ -380,23 +380,23 @@ def test_warnings_say_what_a_floor_rests_on_and_what_short_runs_hide():
         groups = [Group("p", ("0",), ((run,),)) for run in runs]
         noise = NoiseVerdict(WHITE, {"": 1.0}, source, {}, WHITE)
         floor = Floor(np.ones(1), np.ones(1), repeats)
-        return _warnings(SimpleNamespace(floor=floor, noise=noise, groups=groups))
+        return of_floor(SimpleNamespace(floor=floor, noise=noise, groups=groups))
 
     long = made_run("r", stimulus(4000), np.random.default_rng(1))
-    assert warned(long) == ()
+    assert warned(long) == []
     bare = warned(long, repeats=False, source="data sheet")
-    assert bare == (
+    assert bare == [
         "no repeated runs: the noise floor rests on data sheet",
         "no repeats and no quiet run: a wrong data sheet would look like a gap",
-    )
+    ]
     short = made_run("r", stimulus(3599), np.random.default_rng(1))
     (one,) = warned(short)
     assert one.startswith("the longest run has 3599 s: what takes longer than 1800 s")
     slow = replace(short, stimulus=replace(short.stimulus, period_s=2.0))
-    assert warned(short, slow) == () and warned(long, short) == ()
+    assert warned(short, slow) == [] == warned(long, short)
     still = replace(long, stimulus=replace(long.stimulus, t_in_c=25.0 + 1.9 * (np.arange(4000) < 9)))
     assert len(warned(still)) == 1 and "temperature hardly changes" in warned(still)[0]
-    assert warned(still, long) == ()
+    assert warned(still, long) == []
     flat = replace(long, stimulus=replace(long.stimulus, t_in_c=long.stimulus.t_out_c))
     assert len(warned(flat, flat)) == 1 and "one temperature only" in warned(flat)[0]
 
