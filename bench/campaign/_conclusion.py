@@ -49,7 +49,7 @@ class Made:
 
 @dataclass(frozen=True)
 class Told:
-    """What a run of a design was expected to tell, and what it told, nats.
+    """What a run of a design was expected to tell, and what it told, nats, as `led` has it.
 
     `confirming`: the answer that it was made to confirm.
     """
@@ -302,6 +302,14 @@ def _procedure(design: str) -> str:
 def by_name(probabilities: Mapping[frozenset[str], float]) -> dict[str, float]:
     """Return probabilities by the names that act, as they are written and told."""
     return {" + ".join(sorted(label)) or NO_GAP: value for label, value in probabilities.items()}
+
+
+def led(before: Sequence[Mapping[str, float]], after: Mapping[str, float]) -> float:
+    """Return how far a run has led, nats: from the nearest of all places where the search stood before.
+
+    One that leads back has told nothing, whatever the newest of these was.
+    """
+    return min((gap.information_gained(each, after) for each in before), default=0.0)
 
 
 def fewest(probabilities: Mapping[Name, float], until: float) -> tuple[Name, ...]:

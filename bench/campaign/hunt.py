@@ -33,6 +33,7 @@ from bench.campaign._conclusion import (
     by_name,
     conclude,
     fewest,
+    led,
     next_choice,
     of_another_procedure,
 )
@@ -62,6 +63,7 @@ __all__ = [
     "by_name",
     "conclude",
     "fewest",
+    "led",
     "next_choice",
     "of_another_procedure",
     "steps_of",
@@ -245,22 +247,20 @@ class Hunt:
     def _history(self, now: Conclusion, good: Sequence[RunState]) -> list[Told]:
         """Return what the runs told of what was expected, the newest by where the search stands now."""
         names = {state.run.name: state.run for state in good}
-        history, acts = [], ""
-        for step in steps_of(self):
-            confirming = acts if step.chosen.to_confirm else ""
-            acts = step.after.acts if step.after is not None else now.acts
-            if (run := names.get(step.chosen.run)) is None:
-                continue
-            gained = step.after.gained_nats if step.after is not None else self._gained(now)
-            key = gap.key_of(run.procedure, run.parameters)
-            history.append(Told(key, step.chosen.expected_nats, gained or 0.0, confirming))
-        return history
-
-    def _gained(self, now: Conclusion) -> float | None:
-        """Return how far the newest run has moved the probabilities; None before the first."""
-        before = [each for each in self.steps if isinstance(each, Sought)]
+        after_of = {step.chosen.run: step.after for step in steps_of(self)}
         probabilities = by_name(now.outlook.probabilities)
-        return gap.information_gained(before[-1].probabilities, probabilities) if before else None
+        history, acts = [], ""
+        stood: list[dict[str, float]] = []
+        for step in self.steps:
+            if isinstance(step, Sought):
+                stood.append(step.probabilities)
+                acts = step.acts
+            elif (run := names.get(step.run)) is not None:
+                after = after_of[step.run]
+                told = led(stood, after.probabilities if after else probabilities)
+                key = gap.key_of(run.procedure, run.parameters)
+                history.append(Told(key, step.expected_nats, told, acts if step.to_confirm else ""))
+        return history
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from time import process_time
 from typing import Any
 
 from bench.analysis.gap import information_gained
-from bench.campaign.hunt import ALIKE, BUDGET, DECIDED, Made, Told, by_name, conclude, fewest
+from bench.campaign.hunt import ALIKE, BUDGET, DECIDED, Made, Told, by_name, conclude, fewest, led
 from benchmarks.hunt._cases import Case, is_right
 from benchmarks.hunt._plants import HuntPlant
 from benchmarks.hunt._strategies import Strategy
@@ -79,6 +79,7 @@ def seek(plant: HuntPlant, case: Case, name: str, strategy: Strategy) -> Searche
     """Let a strategy search for what a unit has."""
     runs: list[Made] = []
     told: list[Told] = []
+    stood: list[dict[str, float]] = []
     steps, used_h, ended = [], 0.0, ""
     now = conclude(runs, plant.model, plant.designs, UNTIL)
     while True:
@@ -90,12 +91,13 @@ def seek(plant: HuntPlant, case: Case, name: str, strategy: Strategy) -> Searche
         used_h += design.hours
         to_confirm = now.confirmed is not None
         confirming = now.acts if to_confirm else ""
-        before = by_name(now.outlook.probabilities)
+        stood.append(by_name(now.outlook.probabilities))
         runs.append(Made(design.key, plant.recorded(design, case.gap, case.seed, len(runs))))
         begun_s = process_time()
         now = conclude(runs, plant.model, plant.designs, UNTIL)
-        gained = information_gained(before, by_name(now.outlook.probabilities))
-        told.append(Told(design.key, expected, gained, confirming))
+        after = by_name(now.outlook.probabilities)
+        gained = information_gained(stood[-1], after)
+        told.append(Told(design.key, expected, led(stood, after), confirming))
         taken_s = process_time() - begun_s
         steps.append(
             Step(

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from bench.analysis.gap import UNKNOWN, Choice, key_of
+from bench.analysis.gap import UNKNOWN, Choice, information_gained, key_of
 from bench.campaign import _conclusion
 from bench.campaign._conclusion import _Told
 from bench.campaign.hunt import (
@@ -19,6 +19,7 @@ from bench.campaign.hunt import (
     Hunt,
     Told,
     fewest,
+    led,
     next_choice,
 )
 from bench.record.events.campaign import NextRun, Sought
@@ -248,13 +249,24 @@ def test_runs_made_to_confirm_are_remembered_with_the_answer_that_they_were_made
         sought(["a", "b"], "gradient"), chosen("c", True),
     ]  # fmt: skip
     runs = [SimpleNamespace(name=name, procedure="thermal-ramp", parameters={}) for name in "abc"]
-    now = SimpleNamespace(
-        acts="gradient", outlook=SimpleNamespace(probabilities={frozenset({"gradient"}): 1.0})
+    now = SimpleNamespace(outlook=SimpleNamespace(probabilities={frozenset({"gradient"}): 1.0}))
+    history = Hunt._history(
+        SimpleNamespace(steps=events), now, [SimpleNamespace(run=run) for run in runs if run.name != "b"]
     )
-    hunt = SimpleNamespace(steps=events, _gained=lambda now: 0.2)
-    history = Hunt._history(hunt, now, [SimpleNamespace(run=run) for run in runs])
-    assert [told.confirming for told in history] == ["", "shupe", "gradient"]
-    assert [told.gained for told in history] == [0.0, 0.0, 0.2]
+    assert [told.confirming for told in history] == ["", "gradient"]
+    # from a half, the probability before any run, to 0.96, and from there to 1
+    gained = [0.96 * math.log(0.96 / 0.5), -math.log(0.96)]
+    assert [told.gained for told in history] == pytest.approx(gained)
+
+
+def test_a_run_that_leads_back_to_where_the_search_stood_before_has_told_nothing():
+    swings = [{"gradient": 0.52, "shupe": 0.48}, {"gradient": 0.93, "shupe": 0.07}]
+    back = {"gradient": 0.53, "shupe": 0.47}
+    assert information_gained(swings[1], back) > 0.5 > 0.001 > led(swings, back)
+    assert led([*swings, {"no gap": 1.0}], {"gradient": 0.99, "shupe": 0.01}) == pytest.approx(
+        information_gained(swings[1], {"gradient": 0.99, "shupe": 0.01})
+    )
+    assert led([], back) == 0.0
 
 
 def test_an_answer_ends_the_search_when_it_was_seen_again_or_cannot_be():
