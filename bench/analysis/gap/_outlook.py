@@ -61,6 +61,11 @@ class Explanation:
     terms: tuple[Term, ...] = ()
     hidden: str = ""
 
+    @property
+    def bare(self) -> bool:
+        """Whether nothing acts but noise and disturbances, if these do."""
+        return not (self.terms or self.hidden or UNKNOWN in self.label)
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -152,12 +157,12 @@ class Outlook:
         fits its repeat as well. Noise and disturbances alone show in any run.
         """
         terms = [term for term in self.leading.terms if term.name in names] or list(self.leading.terms)
-        mean, anywhere = self._columns.values(terms), not terms and UNKNOWN not in names
+        mean = self._columns.values(terms)
         for design in sorted(self.designs, key=lambda each: (each.key in self._made, each.hours)):
             if design.hours > most_h:
                 continue
             plain = reduced(self._grams(design)[0], self.model.sigmas)[1:, 1:]
-            if anywhere or deflection(plain, mean) >= least:
+            if self.leading.bare or deflection(plain, mean) >= least:
                 return Choice(design, self.information(design))
         return None
 
@@ -269,7 +274,7 @@ def _odds(
 ) -> dict[str, float]:
     """Return the odds that the recorded runs give for each hidden effect against none beside the leading ones.
 
-    They are those of data in which there is nothing of it. Where nothing is named but the data show it clearly,
+    They are those of data in which there is nothing of it. Where no effect is named but the data show it clearly,
     they are not: what a diagnosis does not name for its other reasons is no less probable for that. Beside named
     effects the data hold what these effects' formulas miss.
     """
@@ -278,7 +283,7 @@ def _odds(
     for name in names:
         own = np.setdiff1d(columns.indices([columns.usual(name)]), known)
         as_fitted, without = log_odds(recorded, prior, known, own)
-        shown = not leading.label and 2.0 * (as_fitted - without) > _VISIBLE**2
+        shown = leading.bare and 2.0 * (as_fitted - without) > _VISIBLE**2
         found[name] = math.exp(min(as_fitted if shown else without, _MOST_LOG_ODDS))
     return found
 

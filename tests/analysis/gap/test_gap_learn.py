@@ -105,6 +105,25 @@ def test_a_cause_that_held_out_runs_do_not_show_is_not_named(nominal: Model) -> 
     assert not found.causes
     assert "warm_up" in {cause.name for cause in found.resembles}
     assert any("held-out" in text for text in found.warnings)
+    assert abs(found.held["warm_up"]) < 0.2  # as much of it as there is there
+
+
+def test_of_a_cause_it_is_told_how_much_of_it_held_out_runs_show(nominal: Model) -> None:
+    """All of it in a run that warms up as the others did; nothing follows from one that begins hours later."""
+    rng = np.random.default_rng(12)
+
+    def warm_up(s: object, profile: str, repeat: int) -> np.ndarray:
+        return np.asarray(2.0 * np.exp(-s.time_s / 900.0))  # type: ignore[attr-defined]
+
+    runs = _runs(rng, warm_up)
+    kept = [run for run in runs if not run.run_id.endswith("2")]
+    (same,) = (run for run in runs if run.run_id == "long 2")
+    assert diagnose(kept, nominal, [same]).rate.held["warm_up"] == pytest.approx(1.0, abs=0.1)
+    s = stimulus(4000)
+    later = made_run("later", replace(s, time_s=s.time_s + 20_000.0), rng, np.zeros(len(s)), profile="short")
+    bare = Model("without parameters that could be another beside the warm-up", (), nominal.noise)
+    found = diagnose(kept, bare, [later]).rate
+    assert [cause.name for cause in found.causes] == ["warm_up"] and np.isnan(found.held["warm_up"])
 
 
 def _frost(s: object, profile: str, repeat: int) -> np.ndarray:
