@@ -13,6 +13,8 @@ from simulators.effects._stimulus import REFERENCE_C, Stimulus
 
 SPAN_K = 50.0
 """Temperatures count in this many kelvins, so that the coefficients of all powers are of one size."""
+_BENDS = 1e-3
+"""Growth in 50 K below which a bend is a square."""
 LAGS: tuple[Shape, ...] = tuple({"lag_s": lag} for lag in (0.0, 150.0, 400.0))
 
 
@@ -27,6 +29,17 @@ def power(order: int) -> Formula:
         return result
 
     return formula
+
+
+def _bend(s: Stimulus, shape: Shape) -> Array:
+    """Return the square of (T_in above 25 degC, late by `lag_s`, over 50 K), or a bend that grows e^growth in 50 K.
+
+    That is an exponential less its straight line at 25 degC, where it bends as the square does.
+    """
+    relative, growth = s.lagged(s.warm_k, shape.get("lag_s", 0.0)) / SPAN_K, shape.get("growth", 0.0)
+    if abs(growth) < _BENDS:
+        return relative * relative
+    return 2.0 * np.expm1(growth * relative) / growth**2
 
 
 def _bias(name: str, unit: Unit) -> tuple[Parameter, ...]:
@@ -48,12 +61,15 @@ POLYNOMIAL_EFFECTS = (
     Effect(
         "bias_quadratic",
         _bias("bias_dph_per_50k2", DPH.per("(50K)^2")),
-        power(2),
+        _bend,
         Input.T_IN,
         "T_in",
-        "usual static temperature model",
-        "Bias bends with temperature.",
-        LAGS,
+        "usual static temperature model; Arrhenius 1889 (growth)",
+        "Bias bends with temperature, or on one side of room temperature only.",
+        (
+            *({**lag, "growth": 0.0} for lag in LAGS),
+            *({"lag_s": 0.0, "growth": each} for each in (-3.0, 3.0)),
+        ),
         curve=_CURVE,
     ),
     Effect(
