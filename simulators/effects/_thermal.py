@@ -13,8 +13,8 @@ from simulators.effects._stimulus import REFERENCE_C, Stimulus
 
 SPAN_K = 50.0
 """Temperatures count in this many kelvins, so that the coefficients of all powers are of one size."""
-_BENDS = 1e-3
-"""Growth in 50 K below which a bend is a square."""
+_BENT_BY = (-4.0, -2.0, 2.0, 4.0)
+"""Growth in 50 K of a bend on one side, as tried."""
 LAGS: tuple[Shape, ...] = tuple({"lag_s": lag} for lag in (0.0, 150.0, 400.0))
 
 
@@ -32,12 +32,12 @@ def power(order: int) -> Formula:
 
 
 def _bend(s: Stimulus, shape: Shape) -> Array:
-    """Return the square of (T_in above 25 degC, late by `lag_s`, over 50 K), or a bend that grows e^growth in 50 K.
+    """Return the square of (T_in above 25 degC, late by `lag_s`, over 50 K), or what grows e^growth in 50 K.
 
-    That is an exponential less its straight line at 25 degC, where it bends as the square does.
+    An exponential, 0 at 25 degC, where it bends as the square does.
     """
     relative, growth = s.lagged(s.warm_k, shape.get("lag_s", 0.0)) / SPAN_K, shape.get("growth", 0.0)
-    if abs(growth) < _BENDS:
+    if not growth:
         return relative * relative
     return 2.0 * np.expm1(growth * relative) / growth**2
 
@@ -68,9 +68,10 @@ POLYNOMIAL_EFFECTS = (
         "Bias bends with temperature, or on one side of room temperature only.",
         (
             *({**lag, "growth": 0.0} for lag in LAGS),
-            *({"lag_s": 0.0, "growth": each} for each in (-3.0, 3.0)),
+            *({"lag_s": 0.0, "growth": each} for each in _BENT_BY),
         ),
         curve=_CURVE,
+        whole=("growth",),
     ),
     Effect(
         "bias_cubic",

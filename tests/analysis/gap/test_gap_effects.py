@@ -64,6 +64,26 @@ def test_wobble_is_the_mean_of_rate_times_cosine() -> None:
     assert effect("table_wobble_once").columns(s, {})[0] == pytest.approx(mean, abs=1e-6)
 
 
+def test_a_bias_bends_as_the_square_or_ever_more_on_one_side() -> None:
+    """Of one curvature at 25 degC; with a growth it is e^growth times as large 50 K further."""
+    n = 4_000
+    warm = stimulus(n)
+    t_in_c = np.linspace(-40.0, 85.0, n)
+    s = Stimulus(warm.time_s, t_in_c, t_in_c, warm.angle_deg, warm.elevation_deg, 39.1)
+    x = s.warm_k / 50.0
+    bend = {
+        growth: effect("bias_quadratic").columns(s, {"lag_s": 0.0, "growth": growth})[0]
+        for growth in (0.0, 3.0, -3.0)
+    }
+    assert bend[0.0] == pytest.approx(x**2)
+    step_k = (125.0 / (n - 1)) / 50.0
+    second = {growth: np.diff(values, 2) / step_k**2 for growth, values in bend.items()}
+    inner = slice(60, -60)  # at the ends temperatures are smoothed over fewer samples
+    for growth, values in second.items():
+        assert values[inner] == pytest.approx(2.0 * np.exp(growth * x[1:-1][inner]), rel=1e-3)
+    assert effect("bias_quadratic").columns(s, {"lag_s": 0.0})[0] == pytest.approx(bend[0.0])
+
+
 def test_lag_answers_a_step_exponentially() -> None:
     s = stimulus(400)
     step = np.where(np.arange(400) < 10, 0.0, 1.0)

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.analysis.gap import Model, diagnose
 from bench.analysis.gap._causes import _nameable, _one_of
 from bench.analysis.gap._cells import Cell
 from bench.analysis.gap._fit import Solution
@@ -273,3 +274,18 @@ def test_what_a_stronger_effect_leaves_elsewhere_does_not_make_up_for_what_is_le
     told = _told(sets, [1000.0, 100.0], [0.0, 0.0])
     formula = 10.0 + 0.003 * 990.0 + 0.99 * 10.0
     assert told["bias_cubic"] == pytest.approx(-25.0 * math.log1p(0.99 * 290.0 / formula))
+
+
+def test_what_grows_in_the_warm_alone_is_a_bend_and_nothing_late(nominal: Model) -> None:
+    """A hinge. A slow follower of a bent temperature takes an hour and more to follow, and imitates it."""
+    rng = np.random.default_rng(4)
+    runs = []
+    for name, n in (("short", 4000), ("long", 9000)):
+        base = stimulus(n)
+        air_c = np.interp(base.time_s, [0, n // 4, n // 2, n], [25.0, -40.0, 60.0, 25.0])
+        s = replace(base, t_in_c=base.lagged(air_c, 120.0), t_out_c=air_c)
+        hinge = 0.7 * np.log1p(np.exp((s.t_in_c - 40.0) / 15.0))
+        runs += [made_run(f"{name} {repeat}", s, rng, hinge, profile=name) for repeat in range(2)]
+    found = diagnose(runs, nominal).rate
+    assert [cause.name for cause in found.causes] == ["bias_quadratic"]
+    assert found.verdict == "explained"
