@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.gap import Model, diagnose
+from bench.analysis.gap._candidates import candidate_variants
 from bench.analysis.gap._causes import _nameable, _one_of
 from bench.analysis.gap._cells import Cell
 from bench.analysis.gap._fit import Solution
@@ -289,3 +290,15 @@ def test_what_grows_in_the_warm_alone_is_a_bend_and_nothing_late(nominal: Model)
     found = diagnose(runs, nominal).rate
     assert [cause.name for cause in found.causes] == ["bias_quadratic"]
     assert found.verdict == "explained"
+
+
+def test_a_bend_with_a_slope_in_it_is_tried_where_the_model_has_the_slope(nominal: Model) -> None:
+    s = stimulus(4000)
+    runs = [made_run("r", s, np.random.default_rng(1))]
+
+    def growths(model: Model) -> set[float]:
+        tried = candidate_variants(model, runs)
+        return {each.shape["growth"] for each in tried if each.effect.name == "bias_quadratic"}
+
+    assert growths(nominal) == {-4.0, -2.0, 0.0, 2.0, 4.0}
+    assert growths(Model("without a slope", (), nominal.noise)) == {0.0}
