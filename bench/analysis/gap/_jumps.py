@@ -6,11 +6,12 @@ block to block are normal, those of a level that steps are nothing but now and t
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import idct
+from scipy.fft import dct, idct
 from scipy.ndimage import median_filter
 
 from bench.analysis.gap._cells import power_in
@@ -24,7 +25,7 @@ _BLOCKS_S = (20.0, 60.0, 200.0)
 _LEVEL = 3
 """Blocks before and after a jump, whose means are its levels; one block between them holds it."""
 _SHARP = 6.5
-"""Standard deviations: 8e-11 of normal differences, and there are some ten thousand of them in a campaign."""
+"""Standard deviations: 8e-11 of normal differences whose size is known; a campaign has some ten thousand."""
 _APART_S, _SAME = 600.0, 0.5
 """Time by which an event may come earlier or later in another repeat, and its least part of the size there."""
 _LEVEL_DEG = 0.01
@@ -52,6 +53,7 @@ def find_jumps(data: Prepared, solution: Solution) -> Jumps | None:
         coefficients = np.zeros((len(left), n))
         coefficients[:, 1:] = left * np.sqrt(power_in(group, data.noise.noise))
         curves = idct(coefficients, norm="ortho", axis=-1)
+        power = power_in(group, data.noise.sheet)
         first = 0
         for repeats in group.runs:
             own = curves[first : first + len(repeats)]
@@ -60,7 +62,7 @@ def find_jumps(data: Prepared, solution: Solution) -> Jumps | None:
                 continue
             known = ~np.any([run.missing for run in repeats], axis=0)
             for ratio, at_s, width_s in _places_s(
-                own - own.mean(axis=0), known, _moves(repeats[0].stimulus), period_s
+                own - own.mean(axis=0), known, _moves(repeats[0].stimulus), power, period_s
             ):
                 sizes = _steps(own, round(width_s / period_s), round(at_s / period_s))
                 run = int(np.abs(sizes).argmax())
@@ -84,12 +86,13 @@ def _moves(s: Stimulus) -> NDArray[np.bool_]:
 
 
 def _places_s(
-    apart: Array, known: NDArray[np.bool_], moves: NDArray[np.bool_], period_s: float
+    apart: Array, known: NDArray[np.bool_], moves: NDArray[np.bool_], power: Array, period_s: float
 ) -> list[tuple[float, float, float]]:
     """Return sharpness, place and length of blocks, s, of each jump in repeats (m, n) less their mean.
 
     Only levels count of which half is `known` (n,), and not bridged, without `moves` (n,) from the one to the
-    other. The sharpest comes first; where blocks of several lengths show the same jump, it is the sharpest.
+    other. A few blocks may differ little by chance: they count as no quieter than noise of `power` (n - 1,). The
+    sharpest comes first; where blocks of several lengths show the same jump, it is the sharpest.
     """
     found: list[tuple[float, float, float]] = []
     for length_s in _BLOCKS_S:
@@ -106,6 +109,7 @@ def _places_s(
         steps = np.abs(after - before)
         usual = np.median(steps[:, seen], axis=1, keepdims=True)
         near = median_filter(np.where(seen, steps, usual), (1, _NEAR), mode="reflect")
+        usual = np.maximum(usual, 0.6745 * math.sqrt(1.0 - 1.0 / len(apart)) * _of_noise(power, width))
         ratio = 0.6745 * (steps / np.maximum(np.maximum(usual, near), 1e-300)).max(axis=0)
         block_s = width * period_s
         found += [
@@ -117,6 +121,15 @@ def _places_s(
         if all(abs(at_s - other_s) > (_LEVEL + 1) * max(length_s, own_s) for _, other_s, own_s in kept):
             kept.append((ratio, at_s, length_s))
     return kept
+
+
+def _of_noise(power: Array, width: int) -> float:
+    """Return one standard deviation of a step in noise of some power (n - 1,) of coefficients."""
+    n, half = len(power) + 1, _LEVEL * width
+    weights, middle = np.zeros(n), (n - width) // 2
+    weights[middle - half : middle] = -1.0 / half
+    weights[middle + width : middle + width + half] = 1.0 / half
+    return float(np.sqrt(np.sum(dct(weights, norm="ortho")[1:] ** 2 * power)))
 
 
 def _levels(curves: Array, width: int) -> tuple[Array, Array]:

@@ -37,15 +37,24 @@ _RUN = '[[run]]\nfile = "{0}.csv"\nprofile = "sine"\ncondition = "40"\nelevation
 _EARTH_UP_DPH = 15.041067 * np.sin(np.radians(48.0))
 
 
-def _log(path: Path, seed: int, *, late_s: float = 0.02, still_s: float = 0.0, code: float = 0.0) -> None:
+def _log(
+    path: Path,
+    seed: int,
+    *,
+    late_s: float = 0.02,
+    still_s: float = 0.0,
+    code: float = 0.0,
+    tick_s: float = 0.0,
+) -> None:
     """Rows about every second, polled up to `late_s` late: the table's angle, the mean rate since the last row.
 
     The table swings by a sine of 40 deg/s after `still_s` at 40 deg/s; stamps are true but for their last digit.
-    With an angle cut off to whole codes a run begins at any phase.
+    With an angle cut off to whole codes a run begins at any phase. With a clock of ticks rows come at whole ones.
     """
     rng = np.random.default_rng(seed)
     taken_s = np.arange(_SECONDS + 1.0)
     taken_s[1:] += rng.uniform(0.0, late_s, _SECONDS)
+    taken_s = np.rint(taken_s / tick_s) * tick_s if tick_s else taken_s
     swing = np.maximum(taken_s - still_s, 0.0) + (rng.uniform(0.0, 600.0) if code else 0.0)
     angle = _PEAK_DPS * (
         np.minimum(taken_s, still_s) + _PERIOD_S / 2 / np.pi * np.sin(2 * np.pi * swing / _PERIOD_S)
@@ -192,6 +201,21 @@ def test_a_perfect_gyro_with_rounded_stamps_or_codes_has_no_gap(
     found = diagnose(_runs(tmp_path, **log), nominal).rate
     assert found.verdict == "no gap" and not found.causes and not found.stochastic
     assert found.noise.noise.quantum_arcsec < 1.0  # 144 arcsec a digit at 40 deg/s
+
+
+def test_stamps_that_say_less_than_they_know_make_no_noise(tmp_path: Path, nominal: Model) -> None:
+    """Ticks of 12 ms in digits of 1 ms are true: 144 arcsec a digit at 40 deg/s would hide all that is there."""
+    runs = _runs(tmp_path, late_s=0.1, tick_s=0.012)
+    assert group_runs(runs)[0].known_noise.quantum_arcsec > 30.0
+    (group,) = prepare(runs, nominal, ()).groups
+    assert group.shown < 0.01
+    late = [replace(run, output_dph=run.output_dph + _late_dph(run.stimulus, 1e-5)) for run in runs]
+    found = diagnose(late, nominal).rate
+    assert [cause.name for cause in found.causes] == ["time_offset"]
+
+
+def _late_dph(s: Stimulus, by_s: float) -> np.ndarray:
+    return np.asarray(by_s * np.gradient(s.input_rate_dph, s.time_s))
 
 
 def test_codes_that_repeats_share_are_no_gap(tmp_path: Path, nominal: Model) -> None:
