@@ -33,6 +33,8 @@ _LEAST_NUMBER = 2
 """One sample off its neighbours, in hours, shows no process."""
 _BY_CHANCE = 0.01
 """Probability below which it is no chance that the table turns wherever there is an impulse."""
+_SAME_DPS, _SAME_DEG, _FEWEST_PAIRS = 0.05, 2.0, 3
+"""Rate and angle of the table by which two samples are at the same place of a turn; fewest pairs that say so."""
 _SAME_S = 3.0
 """Time by which what a run does may be earlier or later in its repeat."""
 
@@ -49,6 +51,9 @@ def _find(records: Sequence[Record]) -> Finding | None:
     chance = _KINDS * max(tail, _CHANCE * sum(len(record.stimulus) for record in records))
     least = _FAR if poisson.sf(number - 1, chance) > _MANY else _OUTLIER
     found = [_impulses(record, *each, least) for record, each in zip(records, off, strict=True)]
+    if _at_angles(records, [at for at, _, _ in found]):
+        still = [(_at_rest(record, each[0]), each[1]) for record, each in zip(records, off, strict=True)]
+        found = [_impulses(record, *each, least) for record, each in zip(records, still, strict=True)]
     outputs: list[Array] = []
     sizes: list[float] = []
     places_s: list[Array] = []
@@ -89,6 +94,38 @@ def _with_turns(records: Sequence[Record], places_s: Sequence[Array]) -> bool:
     slowest = float(np.concatenate(at).min(initial=math.inf))
     part = float(np.mean(np.concatenate(speeds) >= slowest - STEADY_DPS))
     return part ** sum(map(len, at)) < _BY_CHANCE
+
+
+def _at_angles(records: Sequence[Record], places: Sequence[NDArray[np.int64]]) -> bool:
+    """Return whether samples off their neighbours share the table's angle in more pairs than chance has.
+
+    What the table does in a turn it does in the next: a wobble of which a fast turn has few samples. Pairs are of
+    one run, rate and sense of turning.
+    """
+    from scipy.stats import poisson  # here: a lab starts without scipy (decision 0021)
+
+    pairs, chance = 0, 0.0
+    for record, at in zip(records, places, strict=True):
+        angle, rate = record.stimulus.angle_deg[:-1], record.stimulus.table_rate_dps
+        for speed in np.unique(rate[at].round(1)):
+            own = angle[at[np.abs(rate[at] - speed) < _SAME_DPS]]
+            if abs(speed) <= STEADY_DPS or len(own) < 2:
+                continue
+            every = angle[np.abs(rate - speed) < _SAME_DPS]
+            alike = [_near(own, value) for value in own]
+            chance += 0.5 * (len(own) - 1) * sum(float(_near(every, value).mean()) for value in own)
+            pairs += (sum(int(same.sum()) for same in alike) - len(own)) // 2
+    return bool(poisson.sf(pairs - 1, chance) < _BY_CHANCE) and pairs >= _FEWEST_PAIRS
+
+
+def _near(angle_deg: Array, value_deg: float) -> NDArray[np.bool_]:
+    """Return which angles are the same place of the table, (m,)."""
+    return np.asarray(np.abs((angle_deg - value_deg + 180.0) % 360.0 - 180.0) < _SAME_DEG)
+
+
+def _at_rest(record: Record, sigmas: Array) -> Array:
+    """Return `sigmas` (2, n) where the table does not turn, 0 elsewhere."""
+    return np.asarray(np.where(np.abs(record.stimulus.table_rate_dps) > STEADY_DPS, 0.0, sigmas))
 
 
 def _come_again(records: Sequence[Record], places_s: Sequence[Array]) -> bool:

@@ -246,14 +246,12 @@ def cut(run: GapRun, count: int) -> GapRun:
 class Group:
     """Runs of one profile, cut to one length: `runs[condition][repeat]`.
 
-    `shown`: the part of what rounding would do that the runs show, as power; `shared`: the part of what the
-    angle's codes do that is the same in all repeats; from 0 to 1.
+    `shared`: the part of what the angle's codes do that is the same in all repeats, from 0 to 1.
     """
 
     profile: str
     conditions: tuple[str, ...]
     runs: tuple[tuple[GapRun, ...], ...]
-    shown: float = 1.0
     shared: float = 0.0
 
     @property
@@ -287,8 +285,7 @@ class Group:
             return math.sqrt(sum(value**2 for value in values) / len(self.flat))
 
         arcsec = rms([part.quantum_arcsec for part in parts])
-        every = Noise(rms([part.arw_deg_per_sqrt_h for part in parts]), quantum_arcsec=arcsec)
-        return every.times(self.shown)
+        return Noise(rms([part.arw_deg_per_sqrt_h for part in parts]), quantum_arcsec=arcsec)
 
     @property
     def balanced(self) -> bool:

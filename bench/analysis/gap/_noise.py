@@ -43,10 +43,6 @@ class Noise:
         """The four of IEEE Std 952 by name, as a model file has them."""
         return {name: float(getattr(self, name)) for name in NAMES}
 
-    def times(self, part: float) -> Noise:
-        """Return noise that has a part of this one's power."""
-        return replace(self, **{name: math.sqrt(part) * getattr(self, name) for name in _ALL})
-
     def beside(self, known: Noise) -> Noise:
         """Return the noise together with white noise and quantisation that are no gyro's."""
         return replace(

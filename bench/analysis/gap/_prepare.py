@@ -13,13 +13,7 @@ from bench.analysis.gap._fit import Floor, Solution, floor_from_repeats
 from bench.analysis.gap._generic import smooth
 from bench.analysis.gap._model_file import Model
 from bench.analysis.gap._stack import Stack, stacked
-from bench.analysis.gap._stochastic import (
-    DATA_SHEET,
-    NoiseVerdict,
-    floor_data,
-    judge_noise,
-    with_known_noise,
-)
+from bench.analysis.gap._stochastic import DATA_SHEET, NoiseVerdict, floor_data, judge_noise, shared_codes
 from drivers.base.arrays import Array
 from simulators.effects import Variant
 
@@ -45,7 +39,7 @@ def prepare(runs: Sequence[GapRun], model: Model, variants: Sequence[Variant]) -
     stacks = tuple(stack_of(group, model, variants) for group in groups)
     nominal = [stack.chosen(range(1 + len(model.sigmas))) for stack in stacks]
     groups = tuple(
-        with_known_noise(group, own, model.noise, model.sigmas)
+        replace(group, shared=shared_codes(group, own, model.noise, model.sigmas))
         for group, own in zip(groups, nominal, strict=True)
     )
     spectra, source = floor_data(groups, nominal, model.noise, model.sigmas)

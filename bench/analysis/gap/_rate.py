@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bench.analysis.gap._aliases import in_rows
-from bench.analysis.gap._align import aligned
 from bench.analysis.gap._candidates import candidate_variants
 from bench.analysis.gap._causes import (
     causes_of,
@@ -29,7 +28,7 @@ from bench.analysis.gap._learn import Learned, learned
 from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._noise import Noise
 from bench.analysis.gap._prepare import Prepared, prepare
-from bench.analysis.gap._reading import without_reading_noise
+from bench.analysis.gap._reading import as_turned
 from bench.analysis.gap._remarks import of_floor, of_noise, of_same, of_time
 from bench.analysis.gap._signal import Signal
 from bench.analysis.gap._stochastic import EFFECT_OF, NoiseVerdict
@@ -121,9 +120,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
 
     def prepare(self, runs: Sequence[GapRun], model: Model) -> _Ready:
         check_runs(runs)
-        shifted, notes = aligned(by_length(runs))
-        steady, read = without_reading_noise(shifted)  # a gyro that is late would seem not to follow
-        notes += read
+        steady, notes = as_turned(by_length(runs))
         notes += [f"{run.run_id}: {remark}" for run in runs for remark in run.remarks]
         model = _with_unknown_rate(model, runs)
         disturbed = without_disturbances(steady, model)
@@ -231,6 +228,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
     def judged(
         self, finding: RateFinding, data: _Ready, sets: _Sets, held_out: Sequence[GapRun]
     ) -> RateFinding:
+        held_out, _ = as_turned(held_out)
         parts = self._holding(finding, data, sets, held_out)
         held = {cause.name: part for cause, part in zip(finding.causes, parts, strict=True)}
         finding = replace(_doubted(finding, parts, "in held-out runs"), held=held)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from bench.analysis.gap._align import aligned
 from bench.analysis.gap._data import SIGMA_OF_SECOND_DIFFERENCES, GapRun
 from drivers.base.arrays import Array
 
@@ -53,6 +54,23 @@ class _Dwell:
     edges: slice
     line_deg: Array
     beside_deg: Array
+
+
+def as_turned(runs: Sequence[GapRun]) -> tuple[list[GapRun], list[str]]:
+    """Return the runs with the table's angle as it turned, and what was set right.
+
+    Aligned, without the scatter of its reading, and with what rounded stamps do to it as large as it shows.
+    """
+    shifted, notes = aligned(runs)
+    steady, read = without_reading_noise(shifted)  # a gyro that is late would seem not to follow
+    return [_as_shown(run) for run in steady], notes + read
+
+
+def _as_shown(run: GapRun) -> GapRun:
+    if run.rounding_noise is None:
+        return run
+    left = run.output_dph - run.stimulus.input_rate_dph
+    return replace(run, rounding_noise=run.rounding_noise.as_shown(run.stimulus, left, run.missing))
 
 
 def without_reading_noise(runs: Sequence[GapRun]) -> tuple[list[GapRun], list[str]]:

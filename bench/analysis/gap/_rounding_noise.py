@@ -13,6 +13,10 @@ from drivers.base.arrays import Array
 from simulators.effects import Stimulus
 
 _SIGMAS = 2.0
+_FASTEST, _FEWEST_BENDS, _MEDIAN_OF_SQUARES = 0.25, 16, 0.4549
+"""Part of the largest variance from which samples say how large it is, and how many do; of normal values."""
+_SHOWS = 3.0
+"""Times the power that is seen that there may be: the median of uniform errors is as of normal ones, roughly."""
 _PARTS = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.5)
 _COARSEST_DEG = 0.1
 _STEPS_DEG = sorted(
@@ -61,6 +65,24 @@ class RoundingNoise:
         sigma_s, sigma_deg = self.sigma_s.copy(), self.sigma_deg.copy()
         sigma_s[edges] = sigma_deg[edges] = 0.0
         return replace(self, sigma_s=sigma_s, sigma_deg=sigma_deg)
+
+    def as_shown(self, s: Stimulus, left_dph: Array, missing: NDArray[np.bool_]) -> RoundingNoise:
+        """Return that of stamps as large as it shows in what the model leaves of a run, `left_dph` (n,).
+
+        Where it turns fastest. A log may say less than it knows: stamps on ticks of 12 ms, printed in milliseconds,
+        are true. Second differences hardly see a gap, and their median none of its moves.
+        """
+        sigma, gain = self.sigma_s, self._gain(s, missing) * s.table_rate_dps
+        before, here, after = gain[:-2], gain[1:-1], gain[2:]
+        weights = (before, before + 2.0 * here, 2.0 * here + after, after)
+        edges = (sigma[:-3], sigma[1:-2], sigma[2:-1], sigma[3:])
+        told = np.sum([(weight * edge) ** 2 for weight, edge in zip(weights, edges, strict=True)], axis=0)
+        seen = np.diff(left_dph, 2)
+        use = np.isfinite(seen) & (told > _FASTEST * np.max(told, initial=0.0))
+        if np.count_nonzero(use) < _FEWEST_BENDS:
+            return self
+        part = float(np.median(seen[use] ** 2 / told[use])) / _MEDIAN_OF_SQUARES
+        return replace(self, sigma_s=math.sqrt(min(_SHOWS * part, 1.0)) * sigma)
 
     def of_stamps(self, s: Stimulus, missing: NDArray[np.bool_]) -> Noise:
         """Return what stamps do to the rate along the axis, as noise of an angle and white; `missing` (n,)."""

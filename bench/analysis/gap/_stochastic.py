@@ -47,8 +47,6 @@ _DIFFERS_PENALTY = 10.0
 _QUIET_SPAN_K = 2.0
 _MOSTLY = 0.3
 """Part of the power from which the angle's codes are told from the gyro's own noise."""
-_SHOWS = 3.0
-"""Times what is seen of noise that is known, as power, that it may be: a few moves may have nearly all of it."""
 REPEATS = "differences of repeats"
 DATA_SHEET = "data sheet"
 
@@ -169,36 +167,21 @@ def floor_data(
     return quiet, "quiet runs" if quiet else DATA_SHEET
 
 
-def with_known_noise(group: Group, stack: NDArray[Any], sheet: Noise, sigmas: Array) -> Group:
-    """Return a group with what rounding does to its rate as far as its runs show that, and its repeats share it.
+def shared_codes(group: Group, stack: NDArray[Any], sheet: Noise, sigmas: Array) -> float:
+    """Return the part, 0 to 1, of what the angle's codes do that is the same in a group's repeats.
 
-    A log may say less than it knows: stamps on ticks of 12 ms, printed in milliseconds, are true. What repeats
-    share of the angle's codes their differences lack.
+    Their differences lack it: least squares where codes make most of the noise, the gyro's being the sheet's.
     """
-    every = range(len(group.flat))
-    found = _known_part(group, stack, sheet, sigmas, group.known_noise, every)
-    group = replace(group, shown=1.0 if found is None else min(_SHOWS * found, 1.0))
-    apart = [row for row, same in zip(every, mixing(group)[1], strict=True) if not same]
-    found = _known_part(group, stack, sheet, sigmas, group.known_codes, apart)
-    return replace(group, shared=0.0 if found is None else 1.0 - found)
-
-
-def _known_part(
-    group: Group, stack: NDArray[Any], sheet: Noise, sigmas: Array, known: Noise, rows: Sequence[int]
-) -> float | None:
-    """Return the part, 0 to 1, of `known` noise that parity runs `rows` show; None where it is little.
-
-    Least squares where it is most of the noise, the gyro's being the sheet's.
-    """
+    rows = [k for k, same in enumerate(mixing(group)[1]) if not same]
     s, power = group.flat[0].stimulus, power_in(group, sheet)
-    part = power_of(known, len(s), s.period_s) / power
-    mostly = part > _MOSTLY
+    codes = power_of(group.known_codes, len(s), s.period_s) / power
+    mostly = codes > _MOSTLY
     if not rows or not mostly.any():
-        return None
-    left = _less_nominal(mixed_whitened(group, stack, sheet)[list(rows)], sigmas)[:, mostly]
+        return 0.0
+    left = _less_nominal(mixed_whitened(group, stack, sheet)[rows], sigmas)[:, mostly]
     found = np.mean(left**2, axis=0) / left_of_noise(group, sheet, sheet)[mostly]
-    part = part[mostly]
-    return float(np.clip(1.0 + part @ (found - 1.0) / (part @ part), 0.0, 1.0))
+    codes = codes[mostly]
+    return float(np.clip(1.0 - codes @ (found - 1.0 + codes) / (codes @ codes), 0.0, 1.0))
 
 
 def _less_nominal(parity_runs: Array, sigmas: Array) -> Array:
@@ -214,5 +197,11 @@ def _coloured(group: Group, left: Array, sheet: Noise, skip: int = 1) -> Periodo
     padded = np.zeros((len(left), left.shape[1] + 1))
     padded[:, 1:] = left * np.sqrt(power_in(group, sheet) / bridged)
     known = np.minimum(bridged, 1.0)
-    beside = group.known_stamps.beside(group.known_codes.times(1.0 - group.shared))
-    return periodogram(padded, period_s, known, skip=skip, beside=beside)
+    part = math.sqrt(1.0 - group.shared)
+    codes = group.known_codes
+    known_codes = replace(
+        codes,
+        arw_deg_per_sqrt_h=part * codes.arw_deg_per_sqrt_h,
+        quantum_arcsec=part * codes.quantum_arcsec,
+    )
+    return periodogram(padded, period_s, known, skip=skip, beside=group.known_stamps.beside(known_codes))

@@ -304,6 +304,30 @@ def test_what_comes_only_while_the_table_turns_fast_is_no_impulse(nominal: Model
     assert named([430, 1900, 1960, 2010, 3090])
 
 
+@pytest.mark.parametrize("per_turn", [2, 0])
+def test_what_comes_at_one_angle_of_a_turning_table_is_no_impulse(nominal: Model, per_turn: int) -> None:
+    """At 60 deg/s half a turn has three samples: a wobble of two a turn that grows lifts one of them."""
+    rng = np.random.default_rng(14)
+    s = stimulus(4000, cold=False)
+    angle = np.interp(np.arange(4001.0), [0.0, 1500.0, 2500.0, 4000.0], [0.0, 0.0, 60_000.0, 60_000.0])
+    turning = replace(s, angle_deg=angle)
+    runs, number = [], 0
+    for k in range(3):
+        kicks = np.zeros(len(s))
+        for at in (1560, 1711, 1822, 1993, 2074, 2165, 2236, 2317, 2398):
+            place = at + 37 * k
+            kicks[place - (place % 3 if per_turn else int(rng.integers(3)))] = 40.0
+        number += int(np.count_nonzero(kicks))
+        kicks[[430 + 37 * k, 3090 - 41 * k]] = 40.0
+        runs.append(made_run(f"run {k}", turning, rng, kicks))
+    found = without_disturbances(runs, nominal)
+    (term,) = found.terms
+    assert term.name == "impulses"
+    hours = 3 * 4000 / 3600.0
+    # those at rest are the gyro's, whatever the table does when it turns
+    assert term.values[0] * hours == pytest.approx(6 if per_turn else 6 + number, abs=0.5)
+
+
 def test_one_sample_in_hours_is_no_process(nominal: Model) -> None:
     rng = np.random.default_rng(12)
     s = stimulus(4000, cold=False)
