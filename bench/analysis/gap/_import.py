@@ -188,7 +188,8 @@ def _rounding_noise(log: Log, steps: Steps, stimulus: Stimulus) -> RoundingNoise
     turning = np.diff(stimulus.angle_deg) != 0.0
     read = np.append(False, turning) | np.append(turning, False)
     span_s = np.where(steps.whole, steps.stops_s - steps.starts_s, steps.period_s)
-    return RoundingNoise(np.full(steps.count + 1, steps.time_sigma_s), np.where(read, sigma_deg, 0.0), span_s)
+    sigma_s, even = np.full(steps.count + 1, steps.time_sigma_s), np.zeros(steps.count + 1, np.bool_)
+    return RoundingNoise(sigma_s, np.where(read, sigma_deg, 0.0), span_s, even)
 
 
 def _phases(entry: LogEntry, times_s: Array) -> NDArray[np.str_]:

@@ -176,10 +176,19 @@ def _settled(angle_deg: Array, edges: slice) -> slice:
     """Return a stretch without what is left of the moves beside it, where its angle scatters about a line."""
     if edges.stop - edges.start <= _SHORTEST:
         return edges
-    bends = np.abs(np.diff(angle_deg[edges], 2))
-    inside = _within(angle_deg, edges, _BESIDE * SIGMA_OF_SECOND_DIFFERENCES * float(np.median(bends)))
-    # an angle that walks leaves every line
-    return inside if 2 * (inside.stop - inside.start) > edges.stop - edges.start else edges
+    scatter = SIGMA_OF_SECOND_DIFFERENCES * float(np.median(np.abs(np.diff(angle_deg[edges], 2))))
+    inside = _within(angle_deg, edges, _BESIDE * scatter)
+    if 2 * (inside.stop - inside.start) <= edges.stop - edges.start:
+        return edges  # an angle that walks leaves every line
+    # beside a move the sample at the end may hold a part of it that is less than the scatter
+    turned = np.abs(
+        np.diff(angle_deg, prepend=angle_deg[0], append=angle_deg[-1]) - _slope(angle_deg[inside])
+    )
+    moves = [turned[at] > 2.0 * _BESIDE * scatter for at in (edges.start, edges.stop)]
+    return slice(
+        inside.start + (moves[0] and edges.start > 0),
+        inside.stop - (moves[1] and edges.stop < len(angle_deg)),
+    )
 
 
 def _within(angle_deg: Array, edges: slice, most_deg: float) -> slice:
@@ -200,8 +209,13 @@ def _within(angle_deg: Array, edges: slice, most_deg: float) -> slice:
 def _fitted(angle_deg: Array) -> Array:
     """Return the line of least squares through an angle (m + 1,)."""
     place = np.arange(len(angle_deg)) - 0.5 * (len(angle_deg) - 1)
-    slope = float((place * angle_deg).sum()) / float((place * place).sum())
-    return np.asarray(angle_deg.mean() + place * slope)
+    return np.asarray(angle_deg.mean() + place * _slope(angle_deg))
+
+
+def _slope(angle_deg: Array) -> float:
+    """Return the slope of that line, deg a sample."""
+    place = np.arange(len(angle_deg)) - 0.5 * (len(angle_deg) - 1)
+    return float((place * angle_deg).sum()) / float((place * place).sum())
 
 
 def _line(angle_deg: Array) -> Array | None:
@@ -230,6 +244,6 @@ def _on_its_line(run: GapRun, dwell: _Dwell) -> GapRun:
     if edge_rate is not None:
         edge_rate = edge_rate.copy()
         edge_rate[dwell.edges] = (line[-1] - line[0]) / ((len(line) - 1) * s.period_s)
-    noise = None if run.rounding_noise is None else run.rounding_noise.without(dwell.edges)
+    noise = None if run.rounding_noise is None else run.rounding_noise.on_a_line(dwell.edges)
     stimulus = replace(s, angle_deg=angle, edge_rate_dps=edge_rate)
     return replace(run, stimulus=stimulus, rounding_noise=noise)

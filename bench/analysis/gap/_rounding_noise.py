@@ -45,34 +45,44 @@ A few commanded angles, and those of a simulated table at a few rates, are on an
 class RoundingNoise:
     """White noise of the times and angles at a run's edges as they were read, `sigma_s` and `sigma_deg` (n + 1,).
 
-    `span_s` (n,) is the time between the two readings that a sample's rate comes from.
+    `span_s` (n,) is the time between the two readings that a sample's rate comes from. `even` (n + 1,): the angle
+    was put on the line of an even turn there.
     """
 
     sigma_s: Array
     sigma_deg: Array
     span_s: Array
+    even: NDArray[np.bool_]
 
     def cut(self, count: int) -> RoundingNoise:
         """Return that of the first `count` samples."""
-        return RoundingNoise(self.sigma_s[: count + 1], self.sigma_deg[: count + 1], self.span_s[:count])
+        edges = slice(count + 1)
+        return RoundingNoise(
+            self.sigma_s[edges], self.sigma_deg[edges], self.span_s[:count], self.even[edges]
+        )
 
     def moved(self, edges: NDArray[np.int64]) -> RoundingNoise:
         """Return that of an angle whose edges were taken from `edges` (n + 1,)."""
-        return replace(self, sigma_s=self.sigma_s[edges], sigma_deg=self.sigma_deg[edges])
+        return replace(
+            self, sigma_s=self.sigma_s[edges], sigma_deg=self.sigma_deg[edges], even=self.even[edges]
+        )
 
-    def without(self, edges: slice) -> RoundingNoise:
-        """Return that of an angle that no reading of some edges has to do with any more."""
-        sigma_s, sigma_deg = self.sigma_s.copy(), self.sigma_deg.copy()
-        sigma_s[edges] = sigma_deg[edges] = 0.0
-        return replace(self, sigma_s=sigma_s, sigma_deg=sigma_deg)
+    def on_a_line(self, edges: slice) -> RoundingNoise:
+        """Return that of an angle that was put on the line of an even turn at some edges.
+
+        Codes make none there. A stamp makes none between samples of one rate; at the end of the turn it does.
+        """
+        sigma_deg, even = self.sigma_deg.copy(), self.even.copy()
+        sigma_deg[edges], even[edges] = 0.0, True
+        return replace(self, sigma_deg=sigma_deg, even=even)
 
     def as_shown(self, s: Stimulus, left_dph: Array, missing: NDArray[np.bool_]) -> RoundingNoise:
         """Return that of stamps as large as it shows in what the model leaves of a run, `left_dph` (n,).
 
-        Where it turns fastest. A log may say less than it knows: stamps on ticks of 12 ms, printed in milliseconds,
-        are true. Second differences hardly see a gap, and their median none of its moves.
+        Where it turns fastest. A log may say less than it knows: stamps on ticks of 12 ms, printed in
+        milliseconds, are true. Second differences hardly see a gap, and their median none of its moves.
         """
-        sigma, gain = self.sigma_s, self._gain(s, missing) * s.table_rate_dps
+        sigma, gain = np.where(self.even, 0.0, self.sigma_s), self._gain(s, missing) * s.table_rate_dps
         before, here, after = gain[:-2], gain[1:-1], gain[2:]
         weights = (before, before + 2.0 * here, 2.0 * here + after, after)
         edges = (sigma[:-3], sigma[1:-2], sigma[2:-1], sigma[3:])
@@ -82,27 +92,32 @@ class RoundingNoise:
         if np.count_nonzero(use) < _FEWEST_BENDS:
             return self
         part = float(np.median(seen[use] ** 2 / told[use])) / _MEDIAN_OF_SQUARES
-        return replace(self, sigma_s=math.sqrt(min(_SHOWS * part, 1.0)) * sigma)
+        return replace(self, sigma_s=math.sqrt(min(_SHOWS * part, 1.0)) * self.sigma_s)
 
     def of_stamps(self, s: Stimulus, missing: NDArray[np.bool_]) -> Noise:
         """Return what stamps do to the rate along the axis, as noise of an angle and white; `missing` (n,)."""
-        return _of_edges(self.sigma_s, self._gain(s, missing) * s.table_rate_dps, s.period_s)
+        known = np.pad(~missing, 1)
+        between = self.even & known[1:] & known[:-1]
+        sigma_s = np.where(self.even & ~between, 0.0, self.sigma_s)
+        return _of_edges(sigma_s, self._gain(s, missing) * s.table_rate_dps, s.period_s, self.even)
 
     def of_codes(self, s: Stimulus, missing: NDArray[np.bool_]) -> Noise:
         """Return what the angle's codes do, which repeats of a motion may share."""
-        return _of_edges(self.sigma_deg, self._gain(s, missing), s.period_s)
+        return _of_edges(self.sigma_deg, self._gain(s, missing), s.period_s, np.zeros_like(self.even))
 
     def _gain(self, s: Stimulus, missing: NDArray[np.bool_]) -> Array:
         along = 3600.0 * np.sin(np.radians(s.elevation_deg)) / self.span_s
         return np.where(missing, 0.0, along)
 
 
-def _of_edges(sigma: Array, gain: Array, period_s: float) -> Noise:
+def _of_edges(sigma: Array, gain: Array, period_s: float, even: NDArray[np.bool_]) -> Noise:
     """Return the noise of a rate, sample k wrong by `gain[k]` (e[k+1] - e[k]), of white e of `sigma` (n + 1,).
 
     At one rate and with spans alike that is noise of an angle. What an edge does to the sample before it and does
     not take back in the one after it is white: little where the gain changes slowly, all of it beside samples
-    that are missing, whose gain is 0, and twice as much in slow coefficients at a run's ends.
+    that are missing, whose gain is 0, and twice as much in slow coefficients at a run's ends. Where the angle is
+    on the line of an `even` turn (n + 1,) that is all that is left: the stamp moves the reading and the line by
+    the turn's rate, and the sample beside it by its own.
 
     A few fast moves may have nearly all of it: what m samples share scatters by sqrt(2 / m) of itself, and by
     twice that it may be larger.
@@ -110,10 +125,10 @@ def _of_edges(sigma: Array, gain: Array, period_s: float) -> Noise:
     before, after = np.append(0.0, gain), np.append(gain, 0.0)
     lone = (sigma * (before - after)) ** 2
     lone[[0, -1]] *= 2.0
-    by_edge = sigma**2 * (before**2 + after**2)
+    by_edge = np.where(even, lone, sigma**2 * (before**2 + after**2))
     most = 1.0 + _SIGMAS * math.sqrt(2.0 * float((by_edge**2).sum())) / max(float(by_edge.sum()), 1e-300)
     white = most * float(lone.sum()) / len(gain)
-    angle = most * max(float((sigma**2 * before * after).sum()), 0.0) / len(gain)
+    angle = most * max(float((sigma**2 * before * after)[~even].sum()), 0.0) / len(gain)
     return Noise(math.sqrt(white * period_s / 3600.0), quantum_arcsec=math.sqrt(12.0 * angle) * period_s)
 
 

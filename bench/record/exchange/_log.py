@@ -33,6 +33,7 @@ _QUANTITIES = {
     "t_in": TEMPERATURE, "t_out": TEMPERATURE, "air": TEMPERATURE, "set_point": TEMPERATURE, "heater": POWER,
     "door": OPENING,
 }  # fmt: skip
+_TURN_DEG = 360.0
 _VALID_RATES = ("output", "rate_x", "rate_y", "rate_z")
 """What `valid` is said of."""
 
@@ -136,7 +137,10 @@ def _scaled(values: Array, scale: Scale, time_s: Array) -> Array:
 
 
 def _unwrapped(angle_deg: Array) -> Array:
+    """Return an angle (n,) without its jumps by a turn; one of more than a turn counts them, and has none."""
     known = np.isfinite(angle_deg)
+    if known.any() and float(np.ptp(angle_deg[known])) > _TURN_DEG:
+        return angle_deg
     result = angle_deg.copy()
-    result[known] = np.unwrap(angle_deg[known], period=360.0)
+    result[known] = np.unwrap(angle_deg[known], period=_TURN_DEG)
     return result

@@ -57,7 +57,9 @@ def test_what_is_left_of_a_line_that_is_named_is_no_further_one() -> None:
 def test_a_line_weaker_than_what_rounded_stamps_do_is_theirs() -> None:
     """Stamps of 1 ms at 10 deg/s: 2 (36000 x 0.29 ms)^2, 14.7 deg/h rms, of which a beat may make a line."""
     run = made_run("turned", stimulus(4000, rate_dps=10.0), np.random.default_rng(1))
-    noise = RoundingNoise(np.full(4001, 1e-3 / math.sqrt(12.0)), np.zeros(4001), np.ones(4000))
+    noise = RoundingNoise(
+        np.full(4001, 1e-3 / math.sqrt(12.0)), np.zeros(4001), np.ones(4000), np.zeros(4001, np.bool_)
+    )
     stamped = replace(run, rounding_noise=noise)
     left = np.random.default_rng(3).standard_normal((2, 3999))
     found = []

@@ -153,10 +153,35 @@ def test_a_turned_axis_and_a_stretch_on_its_line_have_less_of_it(tmp_path: Path)
     assert "that the gyro does not follow" in said
     for run in steady:
         assert run.rounding_noise is not None
-        sigma_s = run.rounding_noise.sigma_s
-        assert (sigma_s[5:590] == 0.0).all() and (sigma_s[605:612] > 0.0).all()
+        even = run.rounding_noise.even
+        assert even[5:590].all() and not even[605:612].any()
         first = cut(run, 500).rounding_noise
-        assert first is not None and (len(first.sigma_s), len(first.span_s)) == (501, 500)
+        assert first is not None and (len(first.even), len(first.span_s)) == (501, 500)
+
+
+def test_stamps_beside_an_even_turn_are_off_by_the_change_of_rate() -> None:
+    """20, -3 for one sample, -20 deg/s: stamps of 0.1 ms at its edges move it by 23 and 17 deg/s times that."""
+    rate_dps = np.array([20.0] * 500 + [-3.0] + [-20.0] * 499)
+    still = np.full(1000, 25.0)
+    angle = np.concatenate(([0.0], np.cumsum(rate_dps)))
+    s = Stimulus(np.arange(1.0, 1001.0), still, still, angle, np.full(1000, 90.0), 48.0)
+    noise = RoundingNoise(np.full(1001, 1e-4), np.zeros(1001), np.ones(1000), np.zeros(1001, np.bool_))
+    line = noise.on_a_line(slice(0, 501)).on_a_line(slice(501, 1001))
+    found = line.of_stamps(s, np.zeros(1000, bool))
+    rng, total = np.random.default_rng(4), 0.0
+    for _ in range(2000):  # a logger that reads truly and stamps late
+        read = np.diff(angle) / np.diff(np.arange(1001.0) + rng.normal(0.0, 1e-4, 1001))
+        grid = np.concatenate(([0.0], np.cumsum(read)))
+        first = np.polyval(np.polyfit(np.arange(501), grid[:501], 1), 500)
+        last = np.polyval(np.polyfit(np.arange(500), grid[501:], 1), 0)
+        total += (last - first + 3.0) ** 2
+    assert found.quantum_arcsec == 0.0
+    # the deviation of two edges' squares, 2 sqrt(2 (23^4 + 17^4)) / (23^2 + 17^2), is added
+    most = 1.0 + 2.0 * np.sqrt(2.0 * (23.0**4 + 17.0**4)) / (23.0**2 + 17.0**2)
+    told = found.arw_deg_per_sqrt_h**2 * 3600.0 * 1000.0 / most
+    assert told == pytest.approx(3600.0**2 * total / 2000.0, rel=0.1)
+    masked = line.of_stamps(s, rate_dps == -3.0)
+    assert masked.arw_deg_per_sqrt_h == 0.0
 
 
 def test_noise_of_a_few_samples_may_be_larger_than_its_mean() -> None:
@@ -165,7 +190,7 @@ def test_noise_of_a_few_samples_may_be_larger_than_its_mean() -> None:
     still = np.full(1000, 25.0)
     angle = np.concatenate(([0.0], np.cumsum(rate_dps)))
     s = Stimulus(np.arange(1.0, 1001.0), still, still, angle, np.full(1000, 90.0), 48.0)
-    noise = RoundingNoise(np.full(1001, 1e-4), np.zeros(1001), np.ones(1000))
+    noise = RoundingNoise(np.full(1001, 1e-4), np.zeros(1001), np.ones(1000), np.zeros(1001, np.bool_))
     found = noise.of_stamps(s, np.zeros(1000, bool))
     most = 1.0 + 2.0 * np.sqrt(2.0 * 30.0 / 16.0**2)
     # two edges stand alone, seven are an angle's
