@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.base.arrays import Array
 from drivers.base.constants import earth_rate_north_dph, earth_rate_up_dph
@@ -16,6 +17,8 @@ REFERENCE_C = 25.0
 SMOOTHING_S = 60.0
 STEADY_DPS = 0.02
 """Changes of a table's rate below which it is steady: those of its servo."""
+_BENT_DEG = 1e-4
+"""Angle by which the rates at a sample's edges are off its mean, together, from which its rate is not even."""
 _PARTS = 32
 """Parts of a sample in which the rate turns."""
 
@@ -93,14 +96,40 @@ class Stimulus:
         """Return the means over each sample of cos and sin of `order` times the table angle, (2, n).
 
         The integral over the sample is exact for a constant rate in it: sin(m d/2)/(m d/2) at the middle angle.
+        Where the rates at its edges are known and others, the angle is a cubic in it, and Gauss' rule of eight
+        points integrates.
         """
 
         def waves() -> Array:
             middle = np.radians(order * 0.5 * (self.angle_deg[1:] + self.angle_deg[:-1]))
             half_turns = order * np.diff(self.angle_deg) / 360.0
-            return np.asarray(np.sinc(half_turns) * np.stack((np.cos(middle), np.sin(middle))))
+            result = np.asarray(np.sinc(half_turns) * np.stack((np.cos(middle), np.sin(middle))))
+            at, angles_deg, weights = self._bent
+            if len(at):
+                turned = np.radians(order * angles_deg)
+                result[:, at] = np.stack((np.cos(turned), np.sin(turned))) @ weights
+            return result
 
         return self.once(f"harmonic {order}", waves)
+
+    @cached_property
+    def _bent(self) -> tuple[NDArray[np.int64], Array, Array]:
+        """Samples, (k,), in which the rate is not even, the angle at eight points in each, (k, 8), weights."""
+        nodes, weights = np.polynomial.legendre.leggauss(8)
+        inside = 0.5 + 0.5 * nodes
+        if self.edge_rate_dps is None:
+            return np.zeros(0, np.int64), np.zeros((0, 8)), 0.5 * weights
+        first, last = (
+            self.period_s * (edge - self.table_rate_dps)
+            for edge in (self.edge_rate_dps[:-1], self.edge_rate_dps[1:])
+        )
+        at = np.flatnonzero(np.abs(first) + np.abs(last) > _BENT_DEG)
+        # Hermite's cubic less the straight line
+        off = np.outer(first[at], inside * (1.0 - inside) ** 2) - np.outer(
+            last[at], inside**2 * (1.0 - inside)
+        )
+        start, turn = self.angle_deg[:-1][at], np.diff(self.angle_deg)[at]
+        return at, start[:, None] + np.outer(turn, inside) + off, 0.5 * weights
 
     def once(self, name: str, work: Callable[[], Array]) -> Array:
         """Return what `work` gives, which is done once and kept under a name."""

@@ -26,6 +26,10 @@ from simulators.effects import Stimulus
 
 _ENOUGH_STEPS = 256
 """Steps of a second that a log must have; one of fewer and of many rows is cut more finely."""
+_WHOLE, _ROWS, _MOST_STEPS = 0.8, 1.5, 50_000
+"""Steps that are whole against rows that are there, parts of all, below which steps are halved; rows that a step
+keeps, and steps that are enough.
+"""
 
 
 def read_mapped_runs(path: Path, gyro: str | None = None) -> list[GapRun]:
@@ -136,7 +140,15 @@ def _steps(log: Log, held: NDArray[np.bool_]) -> tuple[Steps, Array | None]:
     least_s = 1.0
     if time_s[-1] < _ENOUGH_STEPS and len(time_s) >= 2 * _ENOUGH_STEPS:
         least_s = float(np.median(np.diff(time_s))) * (len(time_s) // (2 * _ENOUGH_STEPS))
-    return Steps.of(time_s, use, least_s, stamped=stamped), turned_deg
+    steps = Steps.of(time_s, use, least_s, stamped=stamped)
+    # where single rows are missing here and there, few long steps have all of theirs
+    while (
+        steps.whole.mean() < _WHOLE * use.mean()
+        and steps.period_s > _ROWS * steps.usual_s
+        and steps.count < _MOST_STEPS
+    ):
+        steps = Steps.of(time_s, use, 0.5 * steps.period_s, stamped=stamped)
+    return steps, turned_deg
 
 
 def _stimulus(

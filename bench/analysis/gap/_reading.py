@@ -59,11 +59,13 @@ class _Dwell:
 def as_turned(runs: Sequence[GapRun]) -> tuple[list[GapRun], list[str]]:
     """Return the runs with the table's angle as it turned, and what was set right.
 
-    Aligned, without the scatter of its reading, and with what rounded stamps do to it as large as it shows.
+    Aligned, with what rounded stamps and codes do to it as large as it shows, and without its reading's scatter.
     """
     shifted, notes = aligned(runs)
-    steady, read = without_reading_noise(shifted)  # a gyro that is late would seem not to follow
-    return [_as_shown(run) for run in steady], notes + read
+    steady, read = without_reading_noise(
+        [_as_shown(run) for run in shifted]
+    )  # a late gyro would seem not to follow
+    return steady, notes + read
 
 
 def _as_shown(run: GapRun) -> GapRun:
@@ -118,7 +120,7 @@ def without_reading_noise(runs: Sequence[GapRun]) -> tuple[list[GapRun], list[st
 def _dwells(number: int, run: GapRun) -> Iterator[_Dwell]:
     """Yield the stretches of a run in which its angle scatters, white, about a line, or within its step."""
     angle = run.stimulus.angle_deg
-    step = _step_deg(angle)
+    step = _step_deg(angle) or _known_step_deg(run)
     for edges in _stretches(np.abs(np.diff(angle, 2)), step):
         edges = _within(angle, edges, _OF_A_STEP * step) if step else _settled(angle, edges)
         if edges.stop - edges.start <= (_FEWEST if step else _SHORTEST):
@@ -170,6 +172,12 @@ def _step_deg(angle_deg: Array) -> float:
     small = change[change < _SMALL * step]
     read = np.mean(off < _FUZZ) >= _WHOLE and np.mean(small < _ONE_STEP * step) >= _SINGLE
     return step if read else 0.0
+
+
+def _known_step_deg(run: GapRun) -> float:
+    """Return the step of the codes that a log's angle has on all its rows, 0 where stamps scatter as well."""
+    noise = run.rounding_noise
+    return 0.0 if noise is None or noise.sigma_s.any() else float(noise.sigma_deg.max()) * math.sqrt(12.0)
 
 
 def _settled(angle_deg: Array, edges: slice) -> slice:

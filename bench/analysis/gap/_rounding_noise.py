@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.analysis.common.statistics import stretches
 from bench.analysis.gap._noise import Noise
 from drivers.base.arrays import Array
 from simulators.effects import Stimulus
 
 _SIGMAS = 2.0
-_FASTEST, _FEWEST_BENDS, _MEDIAN_OF_SQUARES = 0.25, 16, 0.4549
+_MOST_OF, _FEWEST_BENDS, _MEDIAN_OF_SQUARES = 0.25, 16, 0.4549
 """Part of the largest variance from which samples say how large it is, and how many do; of normal values."""
 _SHOWS = 3.0
 """Times the power that is seen that there may be: the median of uniform errors is as of normal ones, roughly."""
@@ -34,6 +35,8 @@ _STEPS_DEG = sorted(
 """Of encoders by bits, and of lines and last digits of degrees and of arc seconds."""
 _ON_GRID = 0.1
 """Part of a step by which values may be off its grid, rms: they may be printed with few digits."""
+_RESTS_DEG, _REST = 1e-9, 8
+"""Largest turn in a sample, and samples in a row, of a table at rest: a turn slower than its codes has fewer."""
 _FEWEST, _FEWEST_TURNS, _ENOUGH, _MOST = 100, 20, 1000, 20_000
 """Different values, and different turns from row to row, that say something; values, and rows, that are enough.
 
@@ -77,22 +80,24 @@ class RoundingNoise:
         return replace(self, sigma_deg=sigma_deg, even=even)
 
     def as_shown(self, s: Stimulus, left_dph: Array, missing: NDArray[np.bool_]) -> RoundingNoise:
-        """Return that of stamps as large as it shows in what the model leaves of a run, `left_dph` (n,).
+        """Return that of stamps, and of codes, no larger than it shows in what the model leaves, `left_dph` (n,).
 
-        Where it turns fastest. A log may say less than it knows: stamps on ticks of 12 ms, printed in
-        milliseconds, are true. Second differences hardly see a gap, and their median none of its moves.
+        A log may say less than it knows: stamps on ticks of 12 ms, printed in milliseconds, are true, and angles
+        of a table that starts and stops on the second lie on a coarse grid. Second differences where either would
+        show most, hardly see a gap; their median does not see the moves, which have other rates, and their mean
+        sees that most samples of a slow turn have one code.
         """
-        sigma, gain = np.where(self.even, 0.0, self.sigma_s), self._gain(s, missing) * s.table_rate_dps
-        before, here, after = gain[:-2], gain[1:-1], gain[2:]
-        weights = (before, before + 2.0 * here, 2.0 * here + after, after)
-        edges = (sigma[:-3], sigma[1:-2], sigma[2:-1], sigma[3:])
-        told = np.sum([(weight * edge) ** 2 for weight, edge in zip(weights, edges, strict=True)], axis=0)
-        seen = np.diff(left_dph, 2)
-        use = np.isfinite(seen) & (told > _FASTEST * np.max(told, initial=0.0))
-        if np.count_nonzero(use) < _FEWEST_BENDS:
-            return self
-        part = float(np.median(seen[use] ** 2 / told[use])) / _MEDIAN_OF_SQUARES
-        return replace(self, sigma_s=math.sqrt(min(_SHOWS * part, 1.0)) * self.sigma_s)
+        seen = np.diff(left_dph, 2) ** 2
+        of_stamps = _of_bends(self.sigma_s, self._gain(s, missing) * s.table_rate_dps)
+        of_codes = _of_bends(self.sigma_deg, self._turning_gain(s, missing))
+        parts = [1.0, 1.0]
+        for which, told in enumerate((of_stamps, of_codes)):
+            use = np.isfinite(seen) & (told > _MOST_OF * np.max(told, initial=0.0))
+            if np.count_nonzero(use) >= _FEWEST_BENDS:
+                median = float(np.median(seen[use] / told[use])) / _MEDIAN_OF_SQUARES
+                parts[which] = median if which == 0 else float(np.mean(seen[use])) / float(np.mean(told[use]))
+        factors = [math.sqrt(min(_SHOWS * part, 1.0)) for part in parts]
+        return replace(self, sigma_s=factors[0] * self.sigma_s, sigma_deg=factors[1] * self.sigma_deg)
 
     def of_stamps(self, s: Stimulus, missing: NDArray[np.bool_]) -> Noise:
         """Return what stamps do to the rate along the axis, as noise of an angle and white; `missing` (n,)."""
@@ -102,12 +107,30 @@ class RoundingNoise:
         return _of_edges(sigma_s, self._gain(s, missing) * s.table_rate_dps, s.period_s, self.even)
 
     def of_codes(self, s: Stimulus, missing: NDArray[np.bool_]) -> Noise:
-        """Return what the angle's codes do, which repeats of a motion may share."""
-        return _of_edges(self.sigma_deg, self._gain(s, missing), s.period_s, np.zeros_like(self.even))
+        """Return what the angle's codes do, which repeats of a motion may share.
+
+        Where the table rests one code is read on: what it is off by at the end of a move stays with the move.
+        """
+        return _of_edges(self.sigma_deg, self._turning_gain(s, missing), s.period_s, np.zeros_like(self.even))
+
+    def _turning_gain(self, s: Stimulus, missing: NDArray[np.bool_]) -> Array:
+        still = np.abs(np.diff(s.angle_deg)) < _RESTS_DEG
+        for first, stop in stretches(still).tolist():
+            if stop - first < _REST:
+                still[first:stop] = False
+        return np.where(still, 0.0, self._gain(s, missing))
 
     def _gain(self, s: Stimulus, missing: NDArray[np.bool_]) -> Array:
         along = 3600.0 * np.sin(np.radians(s.elevation_deg)) / self.span_s
         return np.where(missing, 0.0, along)
+
+
+def _of_bends(sigma: Array, gain: Array) -> Array:
+    """Return the variance of second differences, (n - 2,), of a rate wrong by `gain[k]` (e[k+1] - e[k])."""
+    before, here, after = gain[:-2], gain[1:-1], gain[2:]
+    weights = (before, before + 2.0 * here, 2.0 * here + after, after)
+    edges = (sigma[:-3], sigma[1:-2], sigma[2:-1], sigma[3:])
+    return np.asarray(sum((weight * edge) ** 2 for weight, edge in zip(weights, edges, strict=True)))
 
 
 def _of_edges(sigma: Array, gain: Array, period_s: float, even: NDArray[np.bool_]) -> Noise:
