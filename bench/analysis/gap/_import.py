@@ -26,7 +26,7 @@ from simulators.effects import Stimulus
 
 _ENOUGH_STEPS = 256
 """Steps of a second that a log must have; one of fewer and of many rows is cut more finely."""
-_WHOLE, _ROWS, _MOST_STEPS = 0.8, 1.5, 50_000
+_WHOLE, _ROWS, _MOST_STEPS = 0.65, 1.5, 50_000
 """Steps that are whole against rows that are there, parts of all, below which steps are halved; rows that a step
 keeps, and steps that are enough.
 """

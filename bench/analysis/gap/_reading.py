@@ -121,7 +121,10 @@ def _dwells(number: int, run: GapRun) -> Iterator[_Dwell]:
     """Yield the stretches of a run in which its angle scatters, white, about a line, or within its step."""
     angle = run.stimulus.angle_deg
     step = _step_deg(angle) or _known_step_deg(run)
-    for edges in _stretches(np.abs(np.diff(angle, 2)), step):
+    change = np.abs(np.diff(angle, 2))
+    # between rows that are missing the angle may jump by more than it scatters
+    usual = np.where(run.missing[1:] | run.missing[:-1], np.nan, change)
+    for edges in _stretches(change, usual, step):
         edges = _within(angle, edges, _OF_A_STEP * step) if step else _settled(angle, edges)
         if edges.stop - edges.start <= (_FEWEST if step else _SHORTEST):
             continue
@@ -130,21 +133,28 @@ def _dwells(number: int, run: GapRun) -> Iterator[_Dwell]:
             yield _Dwell(number, edges, line, angle[edges] - line)
 
 
-def _stretches(change: Array, step_deg: float) -> Iterator[slice]:
+def _stretches(change: Array, usual: Array, step_deg: float) -> Iterator[slice]:
     """Yield the edges of stretches at one rate, from the sizes of an angle's second differences (m - 1,).
+
+    `usual` holds those that say how large they are, NaN the others.
 
     Where stamps are rounded the reading scatters in proportion to the rate: each rate has a scale of its own.
     """
     if step_deg:
         yield from _between(change, _ONE_STEP * step_deg, 0)
         return
-    medians = np.median(sliding_window_view(change, min(_BLOCK, len(change))), axis=1)
+    windows = sliding_window_view(usual, min(_BLOCK, len(change)))
+    known = (~np.isnan(windows)).any(axis=1)
+    medians = np.full(len(windows), np.inf)
+    medians[known] = np.nanmedian(windows[known], axis=1)
     at = np.arange(len(change))
     before, after = (medians[np.clip(part, 0, len(medians) - 1)] for part in (at - _BLOCK, at + 1))
     for piece in _between(change, _CHANGES * np.maximum(before, after), 0):
         own = change[piece.start : piece.stop - 2]
         if len(own):
-            yield from _between(own, _CHANGES * float(np.median(own)), piece.start)
+            said = usual[piece.start : piece.stop - 2]
+            median = float(np.nanmedian(said)) if np.isfinite(said).any() else float(np.median(own))
+            yield from _between(own, _CHANGES * median, piece.start)
 
 
 def _between(change: Array, largest: Array | float, first: int) -> Iterator[slice]:

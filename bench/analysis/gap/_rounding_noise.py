@@ -35,9 +35,9 @@ _STEPS_DEG = sorted(
 """Of encoders by bits, and of lines and last digits of degrees and of arc seconds."""
 _ON_GRID = 0.1
 """Part of a step by which values may be off its grid, rms: they may be printed with few digits."""
-_RESTS_DEG, _REST = 1e-9, 8
-"""Largest turn in a sample, and samples in a row, of a table at rest: a turn slower than its codes has fewer."""
-_FEWEST, _FEWEST_TURNS, _ENOUGH, _MOST = 100, 20, 1000, 20_000
+_EVEN_DEG, _EVEN = 1e-9, 8
+"""Change of the turn from sample to sample, and samples without one, of a turn whose code errors are alike."""
+_FEWEST, _FEWEST_TURNS, _ENOUGH, _MOST = 40, 10, 1000, 20_000
 """Different values, and different turns from row to row, that say something; values, and rows, that are enough.
 
 A few commanded angles, and those of a simulated table at a few rates, are on any grid.
@@ -109,16 +109,19 @@ class RoundingNoise:
     def of_codes(self, s: Stimulus, missing: NDArray[np.bool_]) -> Noise:
         """Return what the angle's codes do, which repeats of a motion may share.
 
-        Where the table rests one code is read on: what it is off by at the end of a move stays with the move.
+        Where the table rests one code is read on: what it is off by at the end of a move stays with the move. An
+        even turn of whole codes in each sample does the same.
         """
         return _of_edges(self.sigma_deg, self._turning_gain(s, missing), s.period_s, np.zeros_like(self.even))
 
     def _turning_gain(self, s: Stimulus, missing: NDArray[np.bool_]) -> Array:
-        still = np.abs(np.diff(s.angle_deg)) < _RESTS_DEG
-        for first, stop in stretches(still).tolist():
-            if stop - first < _REST:
-                still[first:stop] = False
-        return np.where(still, 0.0, self._gain(s, missing))
+        """Return the gain where codes change what they are off by, 0 in exactly even turns, a standstill too."""
+        bends = np.abs(np.diff(s.angle_deg, 2)) < _EVEN_DEG
+        even = np.append(bends, True) & np.append(True, bends)
+        for first, stop in stretches(even).tolist():
+            if stop - first < _EVEN:
+                even[first:stop] = False
+        return np.where(even, 0.0, self._gain(s, missing))
 
     def _gain(self, s: Stimulus, missing: NDArray[np.bool_]) -> Array:
         along = 3600.0 * np.sin(np.radians(s.elevation_deg)) / self.span_s
