@@ -261,3 +261,36 @@ def test_stamps_that_are_rounded_to_a_microsecond_make_no_rate(tmp_path: Path) -
     rest = run.output_dph - 3600.0 * run.stimulus.table_rate_dps
     assert np.isnan(rest).sum() <= 5
     assert np.nanmax(np.abs(rest)) < 2e-3
+
+
+def _shaken_out(folder: Path, lost: float, row_s: float, turns: float) -> GapRun:
+    """40 deg/s, rows of `row_s` of which some are missing here and there; `turns`: 360 where the angle jumps."""
+    rng, time_s = np.random.default_rng(3), np.arange(1.0, 20_001.0) * row_s
+    kept = rng.random(len(time_s)) >= lost
+    rows = np.stack(
+        (1000.0 * time_s, np.full(len(time_s), np.radians(40.0)), 300.0 + 0 * time_s, 40.0 * time_s)
+    )
+    rows[3] = np.mod(rows[3], turns) if turns else rows[3]
+    lines = ["t_ms,rate,temp_K,table", *(",".join(f"{value:.6f}" for value in row) for row in rows.T[kept])]
+    (folder / "a.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (folder / "map.toml").write_text(MAPPING, encoding="utf-8")
+    return read_mapped_runs(folder / "map.toml")[0]
+
+
+@pytest.mark.parametrize(("lost", "period_s"), [(0.0, 1.0), (0.001, 1.0), (0.05, 0.14)])
+def test_steps_are_as_short_as_rows_that_are_missing_ask_for(
+    tmp_path: Path, lost: float, period_s: float
+) -> None:
+    """Fifty rows are all there in 95 of 100 steps of 1 s if one of 1000 is missing, in 8 if it is one of 20."""
+    run = _shaken_out(tmp_path, lost, 0.02, 360.0)
+    assert run.stimulus.period_s == pytest.approx(period_s, abs=1e-6)
+    assert float(run.missing.mean()) < 0.35
+    assert np.nanmax(np.abs(run.output_dph / 3600.0 - 40.0)) < 1e-3
+
+
+def test_an_angle_of_more_than_a_turn_has_no_jumps_to_take_out(tmp_path: Path) -> None:
+    """Rows of 5 s turn by 200 deg each: -160 in an angle that jumps, and nobody could tell."""
+    turned = _shaken_out(tmp_path, 0.0, 5.0, 0.0)
+    assert turned.stimulus.table_rate_dps == pytest.approx(40.0)
+    jumping = _shaken_out(tmp_path, 0.0, 5.0, 360.0)
+    assert jumping.stimulus.table_rate_dps == pytest.approx(-32.0, abs=0.1)

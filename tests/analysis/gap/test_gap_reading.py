@@ -273,3 +273,31 @@ def test_a_table_that_sweeps_to_and_fro_in_few_samples_turns_for_a_gyro_that_fol
         run.output_dph[10] += 1e6  # an impulse
     kept, notes = without_reading_noise(runs)
     assert notes == [] and all(one is run for one, run in zip(kept, runs, strict=True))
+
+
+def test_a_held_out_run_is_read_as_those_that_were_fitted(nominal: Model) -> None:
+    """The noise of its table's reading, 1 deg/h, is six times what a bias of 0.4 deg/h does to it."""
+
+    def run(number: int) -> GapRun:
+        s = stimulus(5000)
+        made = made_run(f"run {number}", s, np.random.default_rng(number), 0.4 * (s.warm_k / 50.0) ** 3)
+        return replace(made, stimulus=_read(made.stimulus, 50 + number))
+
+    found = diagnose([run(1), run(2)], nominal, [run(3)]).rate
+    assert [cause.name for cause in found.causes] == ["bias_cubic"]
+    (held,) = found.held_out
+    assert held.share > 0.95
+
+
+def test_a_move_in_the_last_sample_of_a_turn_is_no_scatter() -> None:
+    """5 deg/s, read with 0.15 deg/h of noise; the last sample of the turn has a little of the next."""
+    s = stimulus(3000, rate_dps=5.0)
+    angle = s.angle_deg.copy()
+    angle[1001:] += 3.0 * NOISE_DEG
+    angle[1002:] += 4.0 * np.arange(len(angle) - 1002.0) + 4.0
+    made = made_run("moved", replace(s, angle_deg=angle), np.random.default_rng(5))
+    (even,), notes = without_reading_noise([replace(made, stimulus=_read(made.stimulus, 7))])
+    assert notes
+    true_dph, read_dph = made.stimulus.input_rate_dph, even.stimulus.input_rate_dph
+    assert abs(read_dph[900:999] - true_dph[900:999]).max() < 0.1
+    assert abs((read_dph - true_dph)[1000:1002]).max() < 3.0 * 3600.0 * NOISE_DEG
