@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import expit
 
+from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._findings import Cause, rivals_of
 from bench.analysis.gap._fit import Solution, beside_nominal, weighted_gram
 from bench.analysis.gap._generic import absorbed
@@ -44,6 +45,21 @@ _MOST_ALIKE = 4
 """Effects of a set that is named as one cause: where more could stand in a place, none is."""
 _SURE_SET = 0.9
 """Probability from which an effect, or a set of those that these runs cannot tell apart, is left as it is."""
+
+
+def within_codes(causes: Sequence[Cause[Term]], runs: Sequence[GapRun]) -> tuple[Cause[Term], ...]:
+    """Return the causes that turn the output by less than a code of the table's angle, against an even rate.
+
+    Codes are no noise: a table that stands at the edge of one is off by half of it, as a gyro that is late.
+    """
+    step_arcsec = max((run.code_arcsec for run in runs), default=0.0)
+    return tuple(cause for cause in causes if 0.0 < max(_turned(cause, run) for run in runs) < step_arcsec)
+
+
+def _turned(cause: Cause[Term], run: GapRun) -> float:
+    """Return by how much a cause turns a run back and forth, arcsec: deg/h times s, its mean left out."""
+    dph = sum(np.asarray(term.values) @ term.variant.columns(run.stimulus) for term in cause.terms)
+    return float(np.ptp(np.cumsum(dph - np.mean(dph)))) * run.stimulus.period_s
 
 
 def causes_of(

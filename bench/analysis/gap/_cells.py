@@ -151,6 +151,19 @@ def power_in(group: Group, noise: Noise) -> Array:
     return power_of(noise.beside(group.known_noise), len(s), s.period_s)
 
 
+def codes_dph(group: Group, band: int) -> float:
+    """Return the most that the angle's codes can do to the rate in a band, deg/h rms over the runs.
+
+    All of a sawtooth of one step, whose first sine has that over pi, at the band's highest frequency.
+    """
+    steps = [
+        0.0 if run.rounding_noise is None else run.rounding_noise.code_arcsec(run.stimulus, run.missing)
+        for run in group.flat
+    ]
+    shortest_s = (*BAND_EDGES_S, 2.0 * group.flat[0].stimulus.period_s)[band]
+    return math.sqrt(2.0 * sum(step**2 for step in steps) / len(steps)) / shortest_s
+
+
 def shared_noise(group: Group, noise: Noise) -> tuple[Array, Array]:
     """Return the noise of repeats' mean, and of their differences, in each band, over that of runs on their own.
 

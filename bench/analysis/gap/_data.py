@@ -71,6 +71,14 @@ class GapRun:
     power_on_told: bool = True
     rounding_noise: RoundingNoise | None = None
 
+    @property
+    def code_arcsec(self) -> float:
+        """Step of the table's angle as it is logged, along the axis, 0 where none is seen."""
+        if self.rounding_noise is None:
+            return 0.0
+        along = np.abs(np.sin(np.radians(self.stimulus.elevation_deg)))
+        return float(3600.0 * math.sqrt(12.0) * self.rounding_noise.sigma_deg.max() * along.max())
+
     @cached_property
     def missing(self) -> NDArray[np.bool_]:
         """Which samples of the output are missing, (n,)."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from bench.analysis.gap._fast_spectrum import FastSpectrum
 from bench.analysis.gap._log_rows import even_rows, finest_angle_deg, held_rows
 from bench.analysis.gap._mapped import MappedLog, imported_log, mapped_logs
 from bench.analysis.gap._other_axes import OtherAxes, other_axes
-from bench.analysis.gap._rounding_noise import RoundingNoise, step_deg
+from bench.analysis.gap._rounding_noise import rounding_noise, step_deg
 from bench.analysis.gap._rows import Steps, steady_beside, true_times
 from bench.record.exchange import Log, LogEntry, Mapping
 from bench.record.recording import Run, names_at
@@ -74,6 +73,7 @@ def rate_of(made: MappedLog, gyro: str | None = None) -> GapRun:
     output = np.where(around.moving, np.nan, output - around.apart_dph)
     phases = _phases(entry, steps.edges_s[1:] - steps.period_s + 1.0)
     even, owner = even_rows(steps, np.where(held, np.nan, left_rows))
+    span_s = np.where(steps.whole, steps.stops_s - steps.starts_s, steps.period_s)
     fast: tuple[FastSpectrum, ...] = ()
     if even is not None:
         owner = np.where(np.isin(owner, np.flatnonzero(~np.isnan(output))), owner, -1)
@@ -98,7 +98,9 @@ def rate_of(made: MappedLog, gyro: str | None = None) -> GapRun:
         unknown_dph=around.unknown_dph,
         unknown_time_s=around.rest_s,
         power_on_told=entry.power_on_s is not None,
-        rounding_noise=None if turned_deg is None else _rounding_noise(log, steps, stimulus),
+        rounding_noise=None
+        if turned_deg is None
+        else rounding_noise(stimulus.angle_deg, step_deg(log.columns["angle"]), steps.time_sigma_s, span_s),
     )
 
 
@@ -190,18 +192,6 @@ def _stimulus(
         around.force_g,
         around.cross_rate_dph,
     ), around
-
-
-def _rounding_noise(log: Log, steps: Steps, stimulus: Stimulus) -> RoundingNoise | None:
-    """Return what rounded stamps and the angle's codes do; where the table shows one code these do nothing."""
-    sigma_deg = step_deg(log.columns["angle"]) / math.sqrt(12.0)
-    if steps.time_sigma_s == sigma_deg == 0.0:
-        return None
-    turning = np.diff(stimulus.angle_deg) != 0.0
-    read = np.append(False, turning) | np.append(turning, False)
-    span_s = np.where(steps.whole, steps.stops_s - steps.starts_s, steps.period_s)
-    sigma_s, even = np.full(steps.count + 1, steps.time_sigma_s), np.zeros(steps.count + 1, np.bool_)
-    return RoundingNoise(sigma_s, np.where(read, sigma_deg, 0.0), span_s, even)
 
 
 def _phases(entry: LogEntry, times_s: Array) -> NDArray[np.str_]:

@@ -15,8 +15,9 @@ from bench.analysis.gap._causes import (
     follows_rate,
     models_with_and_without,
     nominal_beside,
+    within_codes,
 )
-from bench.analysis.gap._cells import BANDS, mixing
+from bench.analysis.gap._cells import BANDS, codes_dph, mixing
 from bench.analysis.gap._close import holding, shrinkage
 from bench.analysis.gap._data import GapRun, Group, by_length, check_runs
 from bench.analysis.gap._describe import UnknownPart, crowd_part, differing_parts, shaken_part, unknown_parts
@@ -29,7 +30,7 @@ from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._noise import Noise
 from bench.analysis.gap._prepare import Prepared, prepare
 from bench.analysis.gap._reading import as_turned
-from bench.analysis.gap._remarks import of_floor, of_noise, of_same, of_time
+from bench.analysis.gap._remarks import of_codes, of_floor, of_noise, of_same, of_time
 from bench.analysis.gap._signal import Signal
 from bench.analysis.gap._stochastic import EFFECT_OF, NoiseVerdict
 from bench.analysis.gap._where import RegimePlace, phase_map, places, regime_map
@@ -142,11 +143,17 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         weights = set_weights(found.judged)
         jumps = find_jumps(ready, best.solution)
         differs = max(ready.noise.differs, _JUMPS if jumps else 0.0)
-        unnamed = sum(both[1] for both in weights.values())
+        left = places(ready.cells, best.left, ready.floor)
+        below = _within_codes(ready.groups, left)
+        unnamed = 0.0 if below else sum(both[1] for both in weights.values())
         shaken = _shaken(ready.noise, runs)
         # probabilities are sums, which may be more than 1 by rounding
         unknown = 1.0 - max(1.0 - unnamed, 0.0) * max(1.0 - differs, 0.0) * max(1.0 - shaken, 0.0)
-        null = weights.get(frozenset(), (0.0, 0.0))[0]
+        coded = within_codes(causes, runs)
+        within = frozenset().union(*(cause.effects | set(cause.one_of) for cause in coded))
+        null = sum(both[0] + both[1] * below for names, both in weights.items() if names <= within)
+        causes = tuple(cause for cause in causes if cause not in coded)
+        resembles = () if below else resembles
         if null > _DOUBTED:
             causes, resembles = (), ()
         crowd = crowded(causes, resembles)
@@ -162,7 +169,6 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         for place in where:
             if place.clear:
                 active.setdefault(place.profile, set()).add(BANDS.index(place.band))
-        left = places(ready.cells, best.left, ready.floor)
         nominal = left_of_runs(ready, nominal_solution(ready.cells, data.model.sigmas))
         model = _corrected(data.model, best.solution, ready.noise.noise)
         model = _beside(model, found, data.model, causes)
@@ -180,6 +186,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
                 *data.notes,
                 *of_floor(ready),
                 *_of_lines(found, disturbed),
+                *of_codes(coded, below, runs),
                 *of_time(causes, runs),
                 *of_same(data.model, runs),
                 *(of_noise(data.model, runs) if unknown > 0.5 else ()),
@@ -258,6 +265,15 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         among = sets[0].best.names if among is None else among
         whole, *without = models_with_and_without(*sets, data.model, names, among)
         return holding(whole, without, runs, finding.floor)
+
+
+def _within_codes(groups: Sequence[Group], left: Sequence[Place]) -> bool:
+    """Return whether all that is clearly left may be of the codes of the table's angle."""
+    clear = [place for place in left if place.clear]
+    by_profile = {group.profile: group for group in groups}
+    return bool(clear) and all(
+        place.rms < codes_dph(by_profile[place.profile], BANDS.index(place.band)) for place in clear
+    )
 
 
 def _with_unknown_rate(model: Model, runs: Sequence[GapRun]) -> Model:

@@ -62,10 +62,24 @@ def as_turned(runs: Sequence[GapRun]) -> tuple[list[GapRun], list[str]]:
     Aligned, with what rounded stamps and codes do to it as large as it shows, and without its reading's scatter.
     """
     shifted, notes = aligned(runs)
-    steady, read = without_reading_noise(
-        [_as_shown(run) for run in shifted]
-    )  # a late gyro would seem not to follow
+    shown = [_as_shown(run) for run in _coded_alike(shifted)]
+    steady, read = without_reading_noise(shown)  # a gyro that is late would seem not to follow
     return steady, notes + read
+
+
+def _coded_alike(runs: Sequence[GapRun]) -> list[GapRun]:
+    """Return the runs, those whose log has too few angles to tell its codes with the coarsest of the others'."""
+    step = max((_step_of_log(run) for run in runs), default=0.0)
+    return [
+        run
+        if step == 0.0 or run.rounding_noise is None or run.rounding_noise.told
+        else replace(run, rounding_noise=run.rounding_noise.coded(run.stimulus.angle_deg, step))
+        for run in runs
+    ]
+
+
+def _step_of_log(run: GapRun) -> float:
+    return 0.0 if run.rounding_noise is None else float(run.rounding_noise.sigma_deg.max()) * math.sqrt(12.0)
 
 
 def _as_shown(run: GapRun) -> GapRun:
@@ -120,7 +134,9 @@ def without_reading_noise(runs: Sequence[GapRun]) -> tuple[list[GapRun], list[st
 def _dwells(number: int, run: GapRun) -> Iterator[_Dwell]:
     """Yield the stretches of a run in which its angle scatters, white, about a line, or within its step."""
     angle = run.stimulus.angle_deg
-    step = _step_deg(angle) or _known_step_deg(run)
+    stamped = run.rounding_noise is not None and run.rounding_noise.sigma_s.any()
+    # codes of all rows of the log; where stamps scatter as well they are not seen one by one
+    step = _step_deg(angle) or (0.0 if stamped else _step_of_log(run))
     change = np.abs(np.diff(angle, 2))
     # between rows that are missing the angle may jump by more than it scatters
     usual = np.where(run.missing[1:] | run.missing[:-1], np.nan, change)
@@ -182,12 +198,6 @@ def _step_deg(angle_deg: Array) -> float:
     small = change[change < _SMALL * step]
     read = np.mean(off < _FUZZ) >= _WHOLE and np.mean(small < _ONE_STEP * step) >= _SINGLE
     return step if read else 0.0
-
-
-def _known_step_deg(run: GapRun) -> float:
-    """Return the step of the codes that a log's angle has on all its rows, 0 where stamps scatter as well."""
-    noise = run.rounding_noise
-    return 0.0 if noise is None or noise.sigma_s.any() else float(noise.sigma_deg.max()) * math.sqrt(12.0)
 
 
 def _settled(angle_deg: Array, edges: slice) -> slice:

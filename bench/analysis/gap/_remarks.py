@@ -35,6 +35,17 @@ def white_arw(run: GapRun) -> float:
     return sigma_dph * math.sqrt(run.stimulus.period_s) / 60.0
 
 
+def of_codes(causes: Sequence[Cause[Term]], below: bool, runs: Sequence[GapRun]) -> list[str]:
+    """Say what turns the output by less than a code of the table's angle: causes not named, and the rest."""
+    if not causes and not below:
+        return []
+    names = ", ".join([*(cause.name for cause in causes), *(["what else is left"] if below else [])])
+    return [
+        f"no gap that these runs show: {names}; it turns the output by less than "
+        f"{max(run.code_arcsec for run in runs):.2g} arcsec, the step in which the table's angle is logged"
+    ]
+
+
 def of_time(causes: Sequence[Cause[Term]], runs: Sequence[GapRun]) -> list[str]:
     """Say what a cause that follows the time since power-on is where nobody told that time."""
     names = [cause.name for cause in causes if Input.TIME in cause.term.effect.inputs]

@@ -49,20 +49,20 @@ class RoundingNoise:
     """White noise of the times and angles at a run's edges as they were read, `sigma_s` and `sigma_deg` (n + 1,).
 
     `span_s` (n,) is the time between the two readings that a sample's rate comes from. `even` (n + 1,): the angle
-    was put on the line of an even turn there.
+    was put on the line of an even turn there. `told`: whether the log says what its codes are.
     """
 
     sigma_s: Array
     sigma_deg: Array
     span_s: Array
     even: NDArray[np.bool_]
+    told: bool = True
 
     def cut(self, count: int) -> RoundingNoise:
         """Return that of the first `count` samples."""
         edges = slice(count + 1)
-        return RoundingNoise(
-            self.sigma_s[edges], self.sigma_deg[edges], self.span_s[:count], self.even[edges]
-        )
+        span_s = self.span_s[:count]
+        return RoundingNoise(self.sigma_s[edges], self.sigma_deg[edges], span_s, self.even[edges], self.told)
 
     def moved(self, edges: NDArray[np.int64]) -> RoundingNoise:
         """Return that of an angle whose edges were taken from `edges` (n + 1,)."""
@@ -70,14 +70,18 @@ class RoundingNoise:
             self, sigma_s=self.sigma_s[edges], sigma_deg=self.sigma_deg[edges], even=self.even[edges]
         )
 
+    def coded(self, angle_deg: Array, step: float) -> RoundingNoise:
+        """Return that of codes of a step that other logs of the table have, where the angle (n + 1,) changes."""
+        return replace(self, sigma_deg=_read(angle_deg, step))
+
     def on_a_line(self, edges: slice) -> RoundingNoise:
         """Return that of an angle that was put on the line of an even turn at some edges.
 
         Codes make none there. A stamp makes none between samples of one rate; at the end of the turn it does.
         """
-        sigma_deg, even = self.sigma_deg.copy(), self.even.copy()
-        sigma_deg[edges], even[edges] = 0.0, True
-        return replace(self, sigma_deg=sigma_deg, even=even)
+        even = self.even.copy()
+        even[edges] = True
+        return replace(self, even=even)
 
     def as_shown(self, s: Stimulus, left_dph: Array, missing: NDArray[np.bool_]) -> RoundingNoise:
         """Return that of stamps, and of codes, no larger than it shows in what the model leaves, `left_dph` (n,).
@@ -112,7 +116,18 @@ class RoundingNoise:
         Where the table rests one code is read on: what it is off by at the end of a move stays with the move. An
         even turn of whole codes in each sample does the same.
         """
-        return _of_edges(self.sigma_deg, self._turning_gain(s, missing), s.period_s, np.zeros_like(self.even))
+        sigma_deg = np.where(self.even, 0.0, self.sigma_deg)
+        return _of_edges(sigma_deg, self._turning_gain(s, missing), s.period_s, np.zeros_like(self.even))
+
+    def code_arcsec(self, s: Stimulus, missing: NDArray[np.bool_]) -> float:
+        """Return the step of the codes along the axis, rms over the samples, 0 where they are off by one amount.
+
+        On the line of an even turn, too: how even it was nobody knows to better than a code.
+        """
+        lined = self.even[1:] & self.even[:-1]
+        gain = np.where(lined, self._gain(s, missing), self._turning_gain(s, missing))
+        variance = 0.5 * (self.sigma_deg[1:] ** 2 + self.sigma_deg[:-1] ** 2)
+        return s.period_s * math.sqrt(12.0 * float(np.mean(gain**2 * variance)))
 
     def _turning_gain(self, s: Stimulus, missing: NDArray[np.bool_]) -> Array:
         """Return the gain where codes change what they are off by, 0 in exactly even turns, a standstill too."""
@@ -126,6 +141,22 @@ class RoundingNoise:
     def _gain(self, s: Stimulus, missing: NDArray[np.bool_]) -> Array:
         along = 3600.0 * np.sin(np.radians(s.elevation_deg)) / self.span_s
         return np.where(missing, 0.0, along)
+
+
+def _read(angle_deg: Array, step: float) -> Array:
+    """Return the deviation of codes at edges (n + 1,) beside which the angle changes, 0 where it stands."""
+    turning = np.diff(angle_deg) != 0.0
+    read = np.append(False, turning) | np.append(turning, False)
+    return np.where(read, step / math.sqrt(12.0), 0.0)
+
+
+def rounding_noise(angle_deg: Array, step: float | None, sigma_s: float, span_s: Array) -> RoundingNoise:
+    """Return that of an angle (n + 1,) in codes of a step, None if not known, and of stamps off by `sigma_s`."""
+    count = len(angle_deg)
+    even = np.zeros(count, np.bool_)
+    return RoundingNoise(
+        np.full(count, sigma_s), _read(angle_deg, step or 0.0), span_s, even, step is not None
+    )
 
 
 def _of_bends(sigma: Array, gain: Array) -> Array:
@@ -158,13 +189,18 @@ def _of_edges(sigma: Array, gain: Array, period_s: float, even: NDArray[np.bool_
     return Noise(math.sqrt(white * period_s / 3600.0), quantum_arcsec=math.sqrt(12.0 * angle) * period_s)
 
 
-def step_deg(angle_deg: Array) -> float:
-    """Return the coarsest step of codes or digits that an angle (m,) is logged in; 0 without one."""
+def step_deg(angle_deg: Array) -> float | None:
+    """Return the coarsest step of codes or digits that an angle (m,) is logged in; 0 without one.
+
+    None where its values, or its turns from row to row, are too few to say.
+    """
     known = angle_deg[np.isfinite(angle_deg)][:_MOST]
     values = np.unique(np.remainder(known, 360.0))
+    if len(values) < _FEWEST:
+        return None
     apart, turned = values[1 :: max(len(values) // _ENOUGH, 1)] - values[:1], np.diff(known)
-    for step in _STEPS_DEG if len(values) >= _FEWEST else ():
+    for step in _STEPS_DEG:
         steps = apart / step
         if np.sqrt(np.mean((steps - np.rint(steps)) ** 2)) < _ON_GRID:
-            return float(step) if len(np.unique(np.rint(turned / step))) >= _FEWEST_TURNS else 0.0
+            return float(step) if len(np.unique(np.rint(turned / step))) >= _FEWEST_TURNS else None
     return 0.0

@@ -11,7 +11,7 @@ import pytest
 from scipy.fft import dct
 
 from bench.analysis.gap._align import aligned
-from bench.analysis.gap._cells import power_in, shared_noise
+from bench.analysis.gap._cells import BANDS, codes_dph, power_in, shared_noise
 from bench.analysis.gap._data import GapRun, cut, group_runs
 from bench.analysis.gap._diagnose import diagnose
 from bench.analysis.gap._import import read_mapped_runs
@@ -19,7 +19,7 @@ from bench.analysis.gap._model_file import Model
 from bench.analysis.gap._noise import Noise, periodogram, power_of
 from bench.analysis.gap._prepare import prepare
 from bench.analysis.gap._reading import as_turned, without_reading_noise
-from bench.analysis.gap._rounding_noise import RoundingNoise, step_deg
+from bench.analysis.gap._rounding_noise import RoundingNoise, rounding_noise, step_deg
 from simulators.effects import Stimulus
 
 _DIGIT_S, _SECONDS, _PEAK_DPS, _PERIOD_S = 1e-3, 1200, 40.0, 61.3
@@ -123,8 +123,8 @@ def test_the_step_of_an_angle_is_its_codes_or_its_last_digits(digits: int, code:
     angle = np.floor(angle / code) * code if code else angle
     angle[::50] = np.nan
     assert step_deg(np.round(angle, digits)) == pytest.approx(found, rel=1e-9)
-    assert step_deg(np.full(1000, 37.2)) == 0.0
-    assert step_deg(np.tile(np.arange(0.0, 360.0, 15.0), 20)) == 0.0  # commanded headings
+    assert step_deg(np.full(1000, 37.2)) is None
+    assert step_deg(np.tile(np.arange(0.0, 360.0, 15.0), 20)) is None  # commanded headings
 
 
 def test_a_table_at_rest_has_no_noise_of_codes(tmp_path: Path) -> None:
@@ -143,7 +143,7 @@ def test_a_table_at_rest_has_no_noise_of_codes(tmp_path: Path) -> None:
 def test_a_simulated_table_at_a_few_rates_is_read_exactly() -> None:
     """20, -7.5 and 0.1 deg/s in rows of exactly a second: all multiples of 0.1 deg, and no code."""
     rates_dps = np.repeat((0.0, 20.0, -7.5, 0.1), 300)
-    assert step_deg(np.cumsum(rates_dps)) == 0.0
+    assert step_deg(np.cumsum(rates_dps)) is None
 
 
 def test_a_turned_axis_and_a_stretch_on_its_line_have_less_of_it(tmp_path: Path) -> None:
@@ -273,3 +273,63 @@ def test_codes_of_repeats_that_begin_anywhere_are_not_shared(tmp_path: Path, nom
     runs = _runs(tmp_path, late_s=0.0, code=360.0 / 2**16)
     (group,) = prepare(runs, nominal, ()).groups
     assert group.shared < 0.2
+
+
+def _headings(number: int, late_s: float, step: float) -> GapRun:
+    """A table that goes on by 45 deg eight times, at 20 deg/s; a gyro that is late; angles in codes of a step."""
+    at_s = np.arange(721.0)
+    knots_s, knots_deg = [0.0], [0.0]
+    for place in range(8):
+        knots_s += [80.0 * place + 40.3, 80.0 * place + 42.55]
+        knots_deg += [45.0 * place, 45.0 * (place + 1)]
+    true, then = (np.interp(times, [*knots_s, 720.0], [*knots_deg, 360.0]) for times in (at_s, at_s - late_s))
+    rng, still = np.random.default_rng(number), np.full(720, 25.0)
+    noise = rounding_noise(true, step, 0.0, np.ones(720))
+    s = Stimulus(at_s[1:], still, still, np.floor(true / step) * step, np.full(720, 90.0), 48.0)
+    output = 3600.0 * np.diff(then) + _EARTH_UP_DPH + rng.normal(0.0, 0.06, 720)
+    phase = np.full(720, "run")
+    return GapRun(f"{number}", "G8", "headings", "", s, output, phase, "sum", rounding_noise=noise)
+
+
+@pytest.mark.parametrize(("codes", "named"), [(0.3, False), (8.0, True)])
+def test_what_turns_the_output_by_less_than_a_code_is_no_cause(
+    nominal: Model, codes: float, named: bool
+) -> None:
+    step = 0.005
+    runs = [_headings(number, codes * step / 20.0, step) for number in range(3)]
+    found = diagnose(runs, Model("nominal", nominal.terms, Noise(0.001))).rate
+    assert [cause.name for cause in found.causes] == (["time_offset"] if named else [])
+    assert found.verdict == ("explained" if named else "no gap")
+    if not named:
+        assert found.null_probability > 0.5
+        assert any("less than 18 arcsec, the step" in each for each in found.warnings)
+
+
+def test_a_log_of_few_angles_has_the_codes_of_the_others() -> None:
+    """Commanded headings are on any grid; that of a swing has codes of 16 bits, and they are of one encoder."""
+    few, code = _headings(1, 0.0, 0.005), 360.0 / 2**16
+    assert few.rounding_noise is not None
+    unsure = replace(few, rounding_noise=rounding_noise(few.stimulus.angle_deg, None, 0.0, np.ones(720)))
+    sure = replace(
+        few, run_id="2", rounding_noise=rounding_noise(few.stimulus.angle_deg, code, 0.0, np.ones(720))
+    )
+    (alike, same), _ = as_turned([unsure, sure])
+    assert same.code_arcsec == pytest.approx(3600.0 * code)
+    assert alike.code_arcsec == pytest.approx(3600.0 * code)
+    (alone,), _ = as_turned([unsure])
+    assert alone.code_arcsec == 0.0
+
+
+def test_codes_can_do_a_sawtooths_first_sine_in_every_band() -> None:
+    """A table with codes of 10 arcsec: a sine of 10 / pi arcsec, at 10 s of 2 deg/h, which is 1.41 rms."""
+    angle = np.cumsum(np.full(4001, 1.0)) + np.tile([0.0, 1e-4, 2e-4], 1334)[:4001]
+    still = np.full(4000, 25.0)
+    s = Stimulus(np.arange(1.0, 4001.0), still, still, angle, np.full(4000, 90.0), 48.0)
+    noise = rounding_noise(angle, 10.0 / 3600.0, 0.0, np.ones(4000))
+    run = GapRun("1", "G8", "turn", "", s, s.input_rate_dph, np.full(4000, "run"), "", rounding_noise=noise)
+    (group,) = group_runs([run])
+    amplitude_dph = 2.0 * np.pi / 10.0 * 10.0 / np.pi
+    assert codes_dph(group, BANDS.index("10..20 s")) == pytest.approx(amplitude_dph / np.sqrt(2.0), rel=1e-6)
+    level = replace(run, stimulus=replace(s, elevation_deg=np.full(4000, 30.0)))
+    (group,) = group_runs([level])
+    assert codes_dph(group, BANDS.index("10..20 s")) == pytest.approx(amplitude_dph / np.sqrt(8.0), rel=1e-6)
