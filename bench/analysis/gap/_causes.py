@@ -43,23 +43,36 @@ _LEAST_NAMED = 0.8
 """Probability that one of a set acts, below which nothing is named."""
 _MOST_ALIKE = 4
 """Effects of a set that is named as one cause: where more could stand in a place, none is."""
+_AT_REST = 0.1
+"""Part of a code by which a cause may turn the output while the table rests: of the samples beside its moves."""
 _SURE_SET = 0.9
 """Probability from which an effect, or a set of those that these runs cannot tell apart, is left as it is."""
 
 
 def within_codes(causes: Sequence[Cause[Term]], runs: Sequence[GapRun]) -> tuple[Cause[Term], ...]:
-    """Return the causes that turn the output by less than a code of the table's angle, against an even rate.
+    """Return the causes that turn the output by less than a code of the table's angle, where that is read.
 
-    Codes are no noise: a table that stands at the edge of one is off by half of it, as a gyro that is late.
+    Codes are no noise: a table that stands at the edge of one is off by half of it in a move, as a late gyro is.
+    Where it rests an angle in codes says as much as any, and what a cause does there is its own.
     """
     step_arcsec = max((run.code_arcsec for run in runs), default=0.0)
-    return tuple(cause for cause in causes if 0.0 < max(_turned(cause, run) for run in runs) < step_arcsec)
+    return tuple(
+        cause
+        for cause in causes
+        if 0.0 < max(_turned(cause, run, at_rest=False) for run in runs) < step_arcsec
+        and max(_turned(cause, run, at_rest=True) for run in runs) < _AT_REST * step_arcsec
+    )
 
 
-def _turned(cause: Cause[Term], run: GapRun) -> float:
-    """Return by how much a cause turns a run back and forth, arcsec: deg/h times s, its mean left out."""
-    dph = sum(np.asarray(term.values) @ term.variant.columns(run.stimulus) for term in cause.terms)
-    return float(np.ptp(np.cumsum(dph - np.mean(dph)))) * run.stimulus.period_s
+def _turned(cause: Cause[Term], run: GapRun, *, at_rest: bool) -> float:
+    """Return by how much a cause turns a run back and forth, arcsec: deg/h times s, in a part of its samples."""
+    own = run.reads_codes != at_rest
+    if not own.any():
+        return 0.0
+    added = [np.asarray(term.values) @ term.variant.columns(run.stimulus) for term in cause.terms]
+    dph = np.sum(added, axis=0)[own]
+    # a rate of the whole run is its bias, which is nobody's
+    return float(np.ptp(np.cumsum(dph if at_rest else dph - np.mean(dph)))) * run.stimulus.period_s
 
 
 def causes_of(

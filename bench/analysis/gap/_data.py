@@ -79,6 +79,13 @@ class GapRun:
         along = np.abs(np.sin(np.radians(self.stimulus.elevation_deg)))
         return float(3600.0 * math.sqrt(12.0) * self.rounding_noise.sigma_deg.max() * along.max())
 
+    @property
+    def reads_codes(self) -> NDArray[np.bool_]:
+        """Samples, (n,), in which the table's angle is read in codes and does not rest."""
+        if self.rounding_noise is None:
+            return np.zeros(len(self.stimulus), np.bool_)
+        return self.rounding_noise.reads(self.stimulus)
+
     @cached_property
     def missing(self) -> NDArray[np.bool_]:
         """Which samples of the output are missing, (n,)."""

@@ -124,19 +124,24 @@ class RoundingNoise:
 
         On the line of an even turn, too: how even it was nobody knows to better than a code.
         """
-        lined = self.even[1:] & self.even[:-1]
-        gain = np.where(lined, self._gain(s, missing), self._turning_gain(s, missing))
+        gain = self._turning_gain(s, missing)
         variance = 0.5 * (self.sigma_deg[1:] ** 2 + self.sigma_deg[:-1] ** 2)
         return s.period_s * math.sqrt(12.0 * float(np.mean(gain**2 * variance)))
 
-    def _turning_gain(self, s: Stimulus, missing: NDArray[np.bool_]) -> Array:
-        """Return the gain where codes change what they are off by, 0 in exactly even turns, a standstill too."""
+    def reads(self, s: Stimulus) -> NDArray[np.bool_]:
+        """Return the samples, (n,), in which codes change what they are off by: none of a standstill.
+
+        Nor those of a turn by whole codes in each sample, unless it was put on its line.
+        """
         bends = np.abs(np.diff(s.angle_deg, 2)) < _EVEN_DEG
         even = np.append(bends, True) & np.append(True, bends)
         for first, stop in stretches(even).tolist():
             if stop - first < _EVEN:
                 even[first:stop] = False
-        return np.where(even, 0.0, self._gain(s, missing))
+        return np.asarray(~even | (self.even[1:] & self.even[:-1]))
+
+    def _turning_gain(self, s: Stimulus, missing: NDArray[np.bool_]) -> Array:
+        return np.where(self.reads(s), self._gain(s, missing), 0.0)
 
     def _gain(self, s: Stimulus, missing: NDArray[np.bool_]) -> Array:
         along = 3600.0 * np.sin(np.radians(s.elevation_deg)) / self.span_s

@@ -21,6 +21,7 @@ from bench.analysis.gap._prepare import prepare
 from bench.analysis.gap._reading import as_turned, without_reading_noise
 from bench.analysis.gap._rounding_noise import RoundingNoise, rounding_noise, step_deg
 from simulators.effects import Stimulus
+from tests.analysis.gap.conftest import made_run, stimulus
 
 _DIGIT_S, _SECONDS, _PEAK_DPS, _PERIOD_S = 1e-3, 1200, 40.0, 61.3
 _NOISE_DPH = 0.24
@@ -303,6 +304,20 @@ def test_what_turns_the_output_by_less_than_a_code_is_no_cause(
     if not named:
         assert found.null_probability > 0.5
         assert any("less than 18 arcsec, the step" in each for each in found.warnings)
+
+
+def test_what_a_resting_table_shows_is_named_however_coarse_its_codes_are(nominal: Model) -> None:
+    """0.4 deg/h in the cold are 400 arcsec in a run; the table's codes, of 900, are read in other runs."""
+    rng = np.random.default_rng(8)
+    cold = [
+        replace(made_run(name, s, rng, 0.4 * (s.warm_k / 50.0) ** 3), unit_id="G8")
+        for name in ("a", "b")
+        for s in [replace(stimulus(4000), latitude_deg=48.0)]
+    ]
+    turning = [_headings(number, 0.0, 0.25) for number in range(2)]
+    assert max(run.code_arcsec for run in turning) == pytest.approx(900.0)
+    found = diagnose([*cold, *turning], nominal).rate
+    assert [cause.name for cause in found.causes] == ["bias_cubic"]
 
 
 def test_a_log_of_few_angles_has_the_codes_of_the_others() -> None:
