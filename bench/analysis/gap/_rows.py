@@ -29,6 +29,12 @@ _MASKED, _STEADY = 3, 0.003
 """Steps of a masked move; part of a rate by which it may change from step to step and be steady."""
 _HALF = 0.6
 """Part of a step up to which a row counts as half of it: rows of jittered stamps are not quite of one length."""
+_TICKS = 1.05
+"""Time of a row against the median one from which rows beat with the ticks of a clock."""
+_BEATS, _OFTEN_MISSING, _PASSES, _GAIN, _NEAREST = 64, 0.03, 3, 0.1, 0.6
+"""Rows over which ticks of a clock average out; part of the rows that seem to miss one before them, above which
+there may be ticks; passes, gain of the loop that follows rows, and how far off its place a row may be, in rows.
+"""
 _FEW, _ODD = 0.02, 2.0
 """An odd time between rows deviates this many times as much from multiples of the usual one as all but few do."""
 _TWO_ROUNDED, _COARSEST = 1.5, 2
@@ -65,10 +71,11 @@ class Steps:
         Rows that are on an even grid but for rounded stamps are put on it, unless stamps are known to be true.
         """
         odd = _odd(time_s)
-        grid_s, even = _evened(time_s, odd)
+        grid_s, even = _evened(time_s, odd, stamped=stamped)
         apart = np.diff(grid_s)
         usual_s = float(np.median(apart)) if len(apart) else 1.0
-        pause = np.concatenate(([False], (apart > _PAUSE * usual_s) | odd))
+        on = _by_median(grid_s) if stamped else _rows_on(grid_s)
+        pause = np.concatenate(([False], (on > 1.0) | odd))
         if len(apart):
             # their mean, in which jitter of time stamps cancels: runs of one rate have one period
             usual_s = float(apart[~pause[1:]].mean())
@@ -155,8 +162,10 @@ def true_times(time_s: Array, rate_dps: Array, angle_deg: Array) -> tuple[Array,
     if len(apart) < _ENOUGH or not (apart > 0.0).all():
         return time_s, False
     odd = _odd(time_s)
-    grid_s = _grid(time_s, odd)
-    if not 0.0 < np.abs(grid_s - time_s).max() < _BESIDE_GRID * np.median(apart):
+    on = _rows_on(time_s)
+    grid_s, row_s = _grid(time_s, odd, on), float(time_s[-1] - time_s[0]) / float(on.sum())
+    most = _NEAREST if row_s > _TICKS * float(np.median(apart)) else _BESIDE_GRID
+    if not 0.0 < np.abs(grid_s - time_s).max() < most * row_s:
         return time_s, False
 
     def scatter(times_s: Array) -> Array:
@@ -171,7 +180,9 @@ def true_times(time_s: Array, rate_dps: Array, angle_deg: Array) -> tuple[Array,
     often = float(better.sum()) / size if size > 0.0 else 0.0
     if abs(often) < _OFTEN or abs(float(better.sum())) < _FAR_BETTER * usual:
         return time_s, False
-    return (time_s, True) if often > 0.0 else (grid_s, False)
+    # true stamps of rows that beat with the ticks lie on the ticks' own grid
+    own_s = _evened(time_s, odd, stamped=True)[0] if row_s > _TICKS * float(np.median(apart)) else time_s
+    return (own_s, True) if often > 0.0 else (grid_s, False)
 
 
 def _median(values: Array) -> float:
@@ -194,7 +205,7 @@ def _odd(time_s: Array) -> NDArray[np.bool_]:
     return np.asarray(off > max(_ODD * float(np.quantile(off, 1.0 - _FEW)), rounded_s))
 
 
-def _evened(time_s: Array, odd: NDArray[np.bool_]) -> tuple[Array, bool]:
+def _evened(time_s: Array, odd: NDArray[np.bool_], *, stamped: bool = False) -> tuple[Array, bool]:
     """Return the times of rows (m,) on an even grid, and True, if they are on one but for rounded stamps.
 
     At 12 deg/s a stamp that is wrong by 0.5 us in 1 s is a rate wrong by 0.02 deg/h. Rows may be missing; each
@@ -203,16 +214,55 @@ def _evened(time_s: Array, odd: NDArray[np.bool_]) -> tuple[Array, bool]:
     apart = np.diff(time_s)
     if len(apart) < 2 or not (apart > 0.0).all():
         return time_s, False
-    grid_s = _grid(time_s, odd)
+    grid_s = _grid(time_s, odd, _by_median(time_s) if stamped else _rows_on(time_s))
     if np.abs(grid_s - time_s).max() > _ROUNDED * 10.0 ** -_digits(time_s):
         return time_s, False
     return grid_s - grid_s[0], True
 
 
-def _grid(time_s: Array, odd: NDArray[np.bool_]) -> Array:
-    """Return the multiples of one step nearest to the times of rows (m,), in each stretch between odd times."""
+def _rows_on(time_s: Array) -> Array:
+    """Return by how many rows each row, at times (m,), is on from the one before, (m - 1,): 1 if none is missing.
+
+    By the usual time between rows. Where many seem to be missing, the clock may have ticks as long as a row: at
+    50 Hz on ticks of 64 Hz most rows are 15.6 ms apart, some 31.2. Then each is the nearest to where it must be.
+    """
+    number = _by_median(time_s)
+    if len(number) < 4 * _BEATS or np.mean(number > 1.0) < _OFTEN_MISSING:
+        return number
+    at_s, first_s = time_s - time_s.mean(), float(np.median(time_s[_BEATS:] - time_s[:-_BEATS])) / _BEATS
+    # none missing, or those that a loop which follows the rows finds
+    for on in (np.ones(len(number)), _followed(time_s, first_s)):
+        for _ in range(_PASSES):
+            place = np.concatenate(([0.0], np.cumsum(on)))
+            place -= place.mean()
+            step_s = float((place * at_s).sum()) / float((place * place).sum())
+            if np.abs(at_s - step_s * place).max() < _NEAREST * step_s:
+                return np.asarray(on)
+            # by the line through all rows the first ones lie where they must be, too
+            on = np.maximum(np.diff(np.rint(at_s / step_s - place[0])), 1.0)
+    return number
+
+
+def _by_median(time_s: Array) -> Array:
+    """Return the same by the median time between rows, (m - 1,)."""
     apart = np.diff(time_s)
-    number = np.concatenate(([0.0], np.cumsum(np.maximum(np.rint(apart / np.median(apart)), 1.0))))
+    return np.asarray(np.maximum(np.rint(apart / np.median(apart)), 1.0) if len(apart) else apart)
+
+
+def _followed(time_s: Array, step_s: float) -> Array:
+    """Return how many steps each time (m,) is on from the one before it, followed by a slow loop, (m - 1,)."""
+    on, expected_s = [], float(time_s[0])
+    for at_s in time_s[1:].tolist():
+        number = max(round((at_s - expected_s) / step_s), 1)
+        expected_s += number * step_s
+        expected_s += _GAIN * (at_s - expected_s)
+        on.append(float(number))
+    return np.array(on)
+
+
+def _grid(time_s: Array, odd: NDArray[np.bool_], on: Array) -> Array:
+    """Return the times of rows (m,) on a grid, another in each stretch between odd times, by `_rows_on` (m - 1,)."""
+    number = np.concatenate(([0.0], np.cumsum(on)))
     stretch = np.concatenate(([0], np.cumsum(odd)))
     size = np.bincount(stretch)
     from_middle = number - (np.bincount(stretch, number) / size)[stretch]

@@ -17,7 +17,7 @@ from bench.analysis.gap._data import by_length, cut, good_length, group_runs, in
 from bench.analysis.gap._import import _phases, read_mapped_runs
 from bench.analysis.gap._log_rows import _finest_step, _in_blocks, finest_angle_deg, held_rows
 from bench.analysis.gap._rate import RateSignal
-from bench.analysis.gap._rows import Steps, _digits, _evened, _odd, true_times
+from bench.analysis.gap._rows import Steps, _digits, _evened, _odd, _rows_on, true_times
 from bench.analysis.gap._run_folder import _between_polls, _profile
 from bench.record.events.run import AirDemand, ConditioningDemand
 from bench.record.recording import Arrivals
@@ -554,3 +554,20 @@ def test_a_profile_is_the_procedure_with_what_is_not_usual():
         == "zero-bias-cold-shock, soak_min 12.5"
     )
     assert _profile(run("zero-bias-cold-shock")) == "zero-bias-cold-shock"
+
+
+@pytest.mark.parametrize(("row_s", "lost"), [(0.02, 0.0), (0.02, 0.002), (0.05, 0.0), (1.0 / 60.0, 0.0)])
+def test_rows_on_a_slowly_ticking_clock_are_counted_one_by_one(row_s: float, lost: float) -> None:
+    """Ticks of 64 Hz: at 50 Hz most rows are one tick apart and some two, and hardly any is missing."""
+    rng = np.random.default_rng(6)
+    kept = np.flatnonzero(rng.random(20_000) >= lost)
+    stamps_s = np.floor((kept * row_s + 0.003) * 64.0) / 64.0
+    kept = kept[np.append(True, np.diff(stamps_s) > 0.0)]
+    stamps_s = np.floor((kept * row_s + 0.003) * 64.0) / 64.0
+    assert np.array_equal(_rows_on(stamps_s), np.diff(kept))
+
+
+def test_rows_that_are_often_missing_are_no_ticks() -> None:
+    """Two of five rows of an even clock lost: no line through all places them, and none is needed."""
+    kept = np.flatnonzero(np.random.default_rng(7).random(5_000) >= 0.4)
+    assert np.array_equal(_rows_on(0.1 * kept), np.diff(kept))

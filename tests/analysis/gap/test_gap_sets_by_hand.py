@@ -404,11 +404,12 @@ def test_the_grid_of_rows_is_their_straight_line():
     number = np.array([0, 1, 2, 4, 5, 6, 9, 10])
     time_s = 100.0 + 0.5 * number + rng.uniform(-0.02, 0.02, 8)
     line = np.polyval(np.polyfit(number, time_s, 1), number)
-    assert _grid(time_s, np.zeros(7, dtype=bool)) == pytest.approx(line, abs=1e-9)
+    on = np.diff(number).astype(float)
+    assert _grid(time_s, np.zeros(7, dtype=bool), on) == pytest.approx(line, abs=1e-9)
     # behind a time that is odd another stretch begins, of the same step
     odd = number[1:] == 9
     later = time_s + np.where(number >= 9, 0.2, 0.0)
-    found = _grid(later, odd)
+    found = _grid(later, odd, on)
     assert found[:6].mean() == pytest.approx(later[:6].mean()) and found[6:].mean() == pytest.approx(
         later[6:].mean()
     )
