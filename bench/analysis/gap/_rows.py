@@ -261,7 +261,7 @@ def _followed(time_s: Array, step_s: float) -> Array:
 
 
 def _grid(time_s: Array, odd: NDArray[np.bool_], on: Array) -> Array:
-    """Return the times of rows (m,) on a grid, another in each stretch between odd times, by `_rows_on` (m - 1,)."""
+    """Return times of rows (m,) on a grid, another in each stretch between odd ones, by `_rows_on` (m - 1,)."""
     number = np.concatenate(([0.0], np.cumsum(on)))
     stretch = np.concatenate(([0], np.cumsum(odd)))
     size = np.bincount(stretch)
