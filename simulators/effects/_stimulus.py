@@ -19,6 +19,8 @@ STEADY_DPS = 0.02
 """Changes of a table's rate below which it is steady: those of its servo."""
 _BENT_DEG = 1e-4
 """Angle by which the rates at a sample's edges are off its mean, together, from which its rate is not even."""
+_WAVES_DEG = 720.0
+"""Of two waves in a sample, over which eight points integrate to 4e-6."""
 _PARTS = 32
 """Parts of a sample in which the rate turns."""
 
@@ -97,7 +99,7 @@ class Stimulus:
 
         The integral over the sample is exact for a constant rate in it: sin(m d/2)/(m d/2) at the middle angle.
         Where the rates at its edges are known and others, the angle is a cubic in it, and Gauss' rule of eight
-        points integrates.
+        points integrates, where a sample has no more than two waves.
         """
 
         def waves() -> Array:
@@ -105,9 +107,9 @@ class Stimulus:
             half_turns = order * np.diff(self.angle_deg) / 360.0
             result = np.asarray(np.sinc(half_turns) * np.stack((np.cos(middle), np.sin(middle))))
             at, angles_deg, weights = self._bent
-            if len(at):
-                turned = np.radians(order * angles_deg)
-                result[:, at] = np.stack((np.cos(turned), np.sin(turned))) @ weights
+            whole = np.ptp(angles_deg, axis=1) * order < _WAVES_DEG
+            turned = np.radians(order * angles_deg[whole])
+            result[:, at[whole]] = np.stack((np.cos(turned), np.sin(turned))) @ weights
             return result
 
         return self.once(f"harmonic {order}", waves)

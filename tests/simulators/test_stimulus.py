@@ -30,3 +30,12 @@ def test_waves_of_a_table_that_speeds_up_are_integrals_over_its_angle(order: int
     even = Stimulus(edges[1:], at, at, angle, np.zeros(8), 48.0)
     assert np.abs(even.harmonic(order) - expected)[:, :4].max() > 0.02  # a mean rate in each sample
     assert even.harmonic(order)[:, 5:] == pytest.approx(np.array(expected)[:, 5:], abs=1e-9)
+
+
+def test_many_waves_in_a_sample_are_those_of_its_mean_rate() -> None:
+    """Order 24 at 60 deg/s: four waves in a sample of 1 s, and edge rates that are read with some noise."""
+    rng, edges = np.random.default_rng(1), np.arange(101.0)
+    at, angle = np.full(100, 25.0), 3.0 + 61.0 * edges
+    noisy = Stimulus(edges[1:], at, at, angle, np.zeros(100), 48.0, 1.0, 61.0 + rng.normal(0.0, 1e-3, 101))
+    even = Stimulus(edges[1:], at, at, angle, np.zeros(100), 48.0)
+    assert noisy.harmonic(24) == pytest.approx(even.harmonic(24), abs=1e-3)

@@ -144,7 +144,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         jumps = find_jumps(ready, best.solution)
         differs = max(ready.noise.differs, _JUMPS if jumps else 0.0)
         left = places(ready.cells, best.left, ready.floor)
-        below = _within_codes(ready.groups, left)
+        below = _left_by_codes(ready.groups, left)
         unnamed = 0.0 if below else sum(both[1] for both in weights.values())
         shaken = _shaken(ready.noise, runs)
         # probabilities are sums, which may be more than 1 by rounding
@@ -267,7 +267,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         return holding(whole, without, runs, finding.floor)
 
 
-def _within_codes(groups: Sequence[Group], left: Sequence[Place]) -> bool:
+def _left_by_codes(groups: Sequence[Group], left: Sequence[Place]) -> bool:
     """Return whether all that is clearly left may be of the codes of the table's angle."""
     clear = [place for place in left if place.clear]
     by_profile = {group.profile: group for group in groups}
