@@ -320,6 +320,19 @@ def test_what_a_resting_table_shows_is_named_however_coarse_its_codes_are(nomina
     assert [cause.name for cause in found.causes] == ["bias_cubic"]
 
 
+@pytest.mark.parametrize("coded", [True, False])
+def test_codes_are_as_large_as_a_run_shows_them(coded: bool) -> None:
+    """A swing in codes of 36 arcsec shows them; an exact one that is taken for coded shows its noise alone."""
+    step, still = 0.01, np.full(1000, 25.0)
+    true = _PEAK_DPS * _PERIOD_S / 2 / np.pi * np.sin(2 * np.pi * np.arange(1001.0) / _PERIOD_S)
+    angle = np.floor(true / step) * step if coded else true
+    s = Stimulus(np.arange(1.0, 1001.0), still, still, angle, np.full(1000, 90.0), 48.0)
+    noise = rounding_noise(angle, step, 0.0, np.ones(1000))
+    left = 3600.0 * (np.diff(true) - np.diff(angle)) + np.random.default_rng(2).normal(0.0, 0.1, 1000)
+    shown = noise.as_shown(s, left, np.zeros(1000, bool)).sigma_deg.max() / noise.sigma_deg.max()
+    assert shown == 1.0 if coded else shown < 0.02
+
+
 def test_a_log_of_few_angles_has_the_codes_of_the_others() -> None:
     """Commanded headings are on any grid; that of a swing has codes of 16 bits, and they are of one encoder."""
     few, code = _headings(1, 0.0, 0.005), 360.0 / 2**16
