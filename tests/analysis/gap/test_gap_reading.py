@@ -294,7 +294,9 @@ def test_a_move_in_the_last_sample_of_a_turn_is_no_scatter() -> None:
     s, long = stimulus(3000), 150
     rate_dps = np.where(np.arange(3000) // long % 2, -5.0, 5.0)
     last = np.arange(long - 1, 3000 - long, long)
-    part = 4.0 * NOISE_DEG * np.sign(rate_dps[last + 1])
+    for sample in range(1, 4):  # the move takes four samples
+        rate_dps[last + sample] *= 0.5 * sample - 1.0
+    part = 4.0 * NOISE_DEG * np.sign(rate_dps[last + 4])
     rate_dps[last] += part
     made = made_run(
         "moves", replace(s, angle_deg=np.cumsum(np.append(0.0, rate_dps))), np.random.default_rng(5)
