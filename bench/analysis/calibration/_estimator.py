@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrf, dtrtrs
 
 from bench.analysis.calibration._axes_check import require_axis_order
 from bench.analysis.calibration._checks import require_axes, require_latitude, require_schedule, require_whole
@@ -159,40 +160,48 @@ def filter_track(track: Track, current: Array, sigma: Array, task: Task, options
     mean = np.zeros(len(all_sigma))
     mean[6:37] = -current
     x = (mean[used]) / scale
-    wander, means = (np.flatnonzero((part.start <= used) & (used < part.stop)) for part in (_WANDER, _MEAN))
+    wander, means = (slice(*np.searchsorted(used, (part.start, part.stop))) for part in (_WANDER, _MEAN))
+    wanders = wander.start < wander.stop
     p = np.eye(len(used))
-    p[means, means] = 0.0
+    p[means] = 0.0
+    variance = np.einsum("ii->i", p)
     keep = math.exp(-track.interval_s / options.wander.time_s) if options.wander is not None else 1.0
     decay, driven = np.ones(len(used) - 6), np.zeros(len(used) - 6)
-    decay[wander - 6], driven[wander - 6] = keep, 1.0 - keep**2
+    own = slice(wander.start - 6, wander.stop - 6)
+    decay[own], driven[own] = keep, 1.0 - keep**2
+    both = decay * decay[:, None]
     q = process_noise(task.site, task.noise, track.interval_s) / np.outer(scale[:6], scale[:6])
     r = np.eye(3) * (task.noise.velocity_mps / scale[3]) ** 2
     resting = rest_intervals(track, options)
     measured = track.velocity / scale[3:6]
     found = Filtered(np.zeros(len(all_sigma)), np.zeros((len(all_sigma), len(all_sigma))))
+    beside = np.empty((3, 1 + len(used)), order="F")
     for number, row in enumerate(rows):
-        if len(wander):
+        if wanders:
             p[means] += p[wander] / len(rows)
             p[:, means] += p[:, wander] / len(rows)
             x[means] += x[wander] / len(rows)
         through = row @ p
-        p[6:, :6] = (through[:, 6:] * decay).T
-        p[:6, 6:] = p[6:, :6].T
+        p[:6, 6:] = through[:, 6:] * decay
+        p[6:, :6] = p[:6, 6:].T
         p[:6, :6] = through @ row.T + q
         x[:6] = row @ x
-        if len(wander):
-            p[6:, 6:] = p[6:, 6:] * decay * decay[:, None]
-            p[range(6, len(p)), range(6, len(p))] += driven
+        if wanders:
+            p[6:, 6:] *= both
+            variance[6:] += driven
             x[6:] *= decay
         if resting[number]:
-            root = np.linalg.cholesky(p[3:6, 3:6] + r)
-            white = np.linalg.solve(root, np.column_stack([measured[number] - x[3:6], p[3:6]]))
-            found.innovations.append(white[:, 0])
-            found.log_likelihood -= 0.5 * float(white[:, 0] @ white[:, 0]) + float(
-                np.log(np.diag(root)).sum()
-            )
-            p = p - white[:, 1:].T @ white[:, 1:]
-            x = x + white[:, 1:].T @ white[:, 0]
+            root, failed = dpotrf(p[3:6, 3:6] + r, lower=1)
+            if failed:
+                raise np.linalg.LinAlgError("the covariance of the velocity is not positive definite")
+            beside[:, 0] = measured[number] - x[3:6]
+            beside[:, 1:] = p[3:6]
+            white, _ = dtrtrs(root, beside, lower=1)
+            gain, off = white[:, 1:], white[:, 0]
+            found.innovations.append(off)
+            found.log_likelihood -= 0.5 * float(off @ off) + math.log(root[0, 0] * root[1, 1] * root[2, 2])
+            p -= gain.T @ gain
+            x += off @ gain
         last = number + 1 == len(rows)
         if last or (resting[number] and not resting[number + 1]):
             found.state[used] = x * scale

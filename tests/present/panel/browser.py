@@ -21,7 +21,10 @@ from drivers.base.clock import WallClock, utc_now
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
-BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
+BROWSER = next(
+    filter(None, map(shutil.which, ("chromium-headless-shell", "chromium", "google-chrome"))), None
+)
+"""Without a window first: the same engine, half the processor time."""
 FLAGS = [
     "--no-sandbox",
     "--disable-gpu",
