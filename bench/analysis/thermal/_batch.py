@@ -94,9 +94,8 @@ class Prior:
     def _own(self, own: Moments | None) -> tuple[Array, float]:
         if own is None or np.isinf(self.inflation):
             return np.zeros(len(self.mean)), 0.0
-        delta, spread = _expected(
-            own.turned(self.rotation), self.mean, self.variance, self.noise * self.inflation
-        )
+        own = own.turned(self.rotation)
+        delta, spread = _expected(own.terms, own.cross, self.mean, self.variance, self.noise * self.inflation)
         free = self.variance > 0.0
         return delta, float(np.sum(1.0 - np.diag(spread)[free] / self.variance[free]))
 
@@ -210,14 +209,16 @@ def fit_prior(units: Sequence[Moments]) -> Prior:
     # To begin with units differ by as much as the coefficients are large, and half of what is left is noise.
     variance = np.asarray(np.maximum(mean**2, np.mean(mean**2) * 1e-3))
     noise = 0.5 * max(whole.square - float(mean @ whole.cross), _LEAST_VARIANCE * whole.square) / whole.rows
+    terms, cross = np.stack([unit.terms for unit in turned]), np.stack([unit.cross for unit in turned])
+    square = sum(unit.square for unit in turned)
     for _ in range(_ROUNDS):
-        expected = [_expected(unit, mean, variance, noise) for unit in turned]
-        deltas = list(zip(turned, expected, strict=True))
-        crosses = np.sum([unit.cross - unit.terms @ delta for unit, (delta, _) in deltas], axis=0)
-        mean = np.asarray(np.linalg.solve(whole.terms, crosses))
-        variance = np.asarray(sum(delta**2 + np.diag(spread) for delta, spread in expected) / len(expected))
-        left = sum(_left(unit, mean + delta, spread) for unit, (delta, spread) in deltas)
-        noise = max(float(left), _LEAST_VARIANCE * whole.square) / whole.rows
+        delta, spread = _expected(terms, cross, mean, variance, noise)
+        mean = np.asarray(np.linalg.solve(whole.terms, np.sum(cross - _times(terms, delta), axis=0)))
+        variance = np.asarray(np.mean(delta**2 + np.diagonal(spread, axis1=1, axis2=2), axis=0))
+        own = mean + delta
+        # the expected sum of squares that they leave
+        left = square + float(np.sum(own * (_times(terms, own) - 2.0 * cross)) + np.sum(terms * spread))
+        noise = max(left, _LEAST_VARIANCE * whole.square) / whole.rows
     return Prior(rotation, mean, variance, noise)
 
 
@@ -282,18 +283,20 @@ def _sum(moments: Sequence[Moments]) -> Moments | None:
     return total
 
 
-def _expected(unit: Moments, mean: Array, variance: Array, noise: float) -> tuple[Array, Array]:
-    """Return a unit's delta and its covariance; written so that a variance of zero gives zero."""
+def _expected(terms: Array, cross: Array, mean: Array, variance: Array, noise: float) -> tuple[Array, Array]:
+    """Return deltas (..., k) of units with moments `terms` (..., k, k) and `cross` (..., k), and their covariance.
+
+    Written so that a variance of zero gives zero.
+    """
     root = np.sqrt(variance)
-    inner = np.eye(len(root)) + root[:, None] * unit.terms * root / noise
+    inner = np.eye(len(root)) + root[:, None] * terms * root / noise
     spread = root[:, None] * np.linalg.inv(inner) * root
-    return spread @ (unit.cross - unit.terms @ mean) / noise, spread
+    return _times(spread, cross - terms @ mean) / noise, spread
 
 
-def _left(unit: Moments, coefficients: Array, spread: Array) -> float:
-    """Return the expected sum of squares that coefficients leave."""
-    fitted = float(coefficients @ (unit.terms @ coefficients - 2.0 * unit.cross))
-    return unit.square + fitted + float(np.sum(unit.terms * spread))
+def _times(matrices: Array, vectors: Array) -> Array:
+    """Return products of matrices (..., k, k) and vectors (..., k)."""
+    return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
 def _left_over_raw(run: FeatureRun, prediction: Prediction, target: str) -> float:
