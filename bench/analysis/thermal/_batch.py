@@ -284,7 +284,7 @@ def _sum(moments: Sequence[Moments]) -> Moments | None:
 
 
 def _expected(terms: Array, cross: Array, mean: Array, variance: Array, noise: float) -> tuple[Array, Array]:
-    """Return deltas (..., k) of units with moments `terms` (..., k, k) and `cross` (..., k), and their covariance.
+    """Return deltas (..., k) of units with moments `terms` (..., k, k) and `cross` (..., k) and covariances.
 
     Written so that a variance of zero gives zero.
     """
