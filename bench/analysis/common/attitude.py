@@ -52,17 +52,14 @@ def quaternions(vectors: Array) -> Array:
 
 def _product(p: Array, q: Array) -> Array:
     """Return quaternion products p q, (..., 4)."""
-    a, b, c, d = np.moveaxis(p, -1, 0)
-    e, f, g, h = np.moveaxis(q, -1, 0)
-    return np.stack(
-        (
-            a * e - b * f - c * g - d * h,
-            a * f + b * e + c * h - d * g,
-            a * g - b * h + c * e + d * f,
-            a * h + b * g - c * f + d * e,
-        ),
-        axis=-1,
-    )
+    a, b, c, d = (p[..., part] for part in range(4))
+    e, f, g, h = (q[..., part] for part in range(4))
+    made = np.empty(np.broadcast_shapes(p.shape, q.shape))
+    made[..., 0] = a * e - b * f - c * g - d * h
+    made[..., 1] = a * f + b * e + c * h - d * g
+    made[..., 2] = a * g - b * h + c * e + d * f
+    made[..., 3] = a * h + b * g - c * f + d * e
+    return made
 
 
 def _prefix_products(q: Array) -> Array:
