@@ -21,7 +21,6 @@ import json
 import math
 import os
 import resource
-import shutil
 import signal
 import socket
 import statistics
@@ -38,6 +37,7 @@ from urllib.request import urlopen
 import numpy as np
 
 from bench.present.panel._series import MinMax
+from bench.present.report._file import find_browser
 from benchmarks._measure import Row, Work, cost, figure, usual
 from drivers.base.clock import WallClock, host_seconds, utc_now
 
@@ -66,8 +66,8 @@ _CLI = "from bench.present.cli import main; main()"
 
 def rows() -> Iterator[Row]:
     """Yield the figures, each against its limit."""
-    browser = shutil.which("chromium") or shutil.which("google-chrome")
-    if browser is None:
+    browser = find_browser()
+    if not browser:
         print("skipped: no Chromium")
         return
     from playwright.sync_api import sync_playwright
@@ -250,8 +250,8 @@ def watch(pid: int, sessions: Sequence[Path], page: object, watched_s: float) ->
 
 def server_load(watched_s: float = 10.0) -> float | None:
     """Return the share of a processor that a panel with one page open takes at 10 Hz; None without Chromium."""
-    browser = shutil.which("chromium") or shutil.which("google-chrome")
-    if browser is None:
+    browser = find_browser()
+    if not browser:
         return None
     from playwright.sync_api import sync_playwright
 

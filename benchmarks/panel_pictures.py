@@ -19,6 +19,7 @@ from bench.control.procedure import find_procedure
 from bench.control.questions import EmulatedOperator
 from bench.control.runner import RunRequest, run_procedure
 from bench.lab.emulated import EmulatedLab, Plant
+from bench.present.report._file import find_browser
 from bench.record.benchfile import BenchFile, bench_file_text, load_bench_file
 from bench.record.recording import read_manifest, seal
 from bench.record.run_notes import add_note
@@ -40,8 +41,8 @@ _PATIENCE_S = 120.0
 
 def main() -> int:
     """Take the pictures; 1 without a browser."""
-    browser = shutil.which("chromium") or shutil.which("google-chrome")
-    if browser is None:
+    browser = find_browser()
+    if not browser:
         print("no Chromium: `apt-get install chromium`")
         return 1
     from playwright.sync_api import sync_playwright

@@ -13,7 +13,7 @@ from drivers.base.errors import ConfigurationError, RecordError
 from drivers.base.files import replace_file
 
 REPORT_FILE = "report.html"
-_BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome", "chromium-headless-shell")
 _PRINT_TIMEOUT_S = 120.0
 
 
