@@ -11,6 +11,7 @@ from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.blas import daxpy
 
 from bench.analysis.gap._cells import BANDS, Cell
 from drivers.base.arrays import Array
@@ -42,10 +43,10 @@ def weighted_gram(cells: Sequence[Cell], variance: Array) -> Array:
     for _, alike in groupby(zip(cells, variance.tolist(), strict=True), key=lambda each: id(each[0].at)):
         pairs = list(alike)
         own = pairs[0][0].at
-        part, scaled = np.zeros((len(own),) * 2), np.empty((len(own),) * 2)
+        part = np.zeros(len(own) ** 2)
         for cell, each in pairs:
-            part += np.multiply(cell.whitened, 1.0 / (cell.floor * each), out=scaled)
-        total[np.ix_(own, own)] += part
+            part = daxpy(cell.whitened.ravel(), part, a=1.0 / (cell.floor * each))
+        total[np.ix_(own, own)] += part.reshape(len(own), -1)
     return total
 
 
