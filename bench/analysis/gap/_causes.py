@@ -45,6 +45,8 @@ _MOST_ALIKE = 4
 """Effects of a set that is named as one cause: where more could stand in a place, none is."""
 _AT_REST = 0.1
 """Part of a code by which a cause may turn the output while the table rests: of the samples beside its moves."""
+_SEVERAL = 3
+"""Different motions whose codes do not all make the same wave over the table's angle."""
 _SURE_SET = 0.9
 """Probability from which an effect, or a set of those that these runs cannot tell apart, is left as it is."""
 
@@ -53,15 +55,24 @@ def within_codes(causes: Sequence[Cause[Term]], runs: Sequence[GapRun]) -> tuple
     """Return the causes that turn the output by less than a code of the table's angle, where that is read.
 
     Codes are no noise: a table that stands at the edge of one is off by half of it in a move, as a late gyro is.
-    Where it rests an angle in codes says as much as any, and what a cause does there is its own.
+    Where it rests an angle in codes says as much as any, and what a cause does there is its own. What follows the
+    table's angle comes again with each turn, codes with each code: of several motions they do not make the same.
     """
     step_arcsec = max((run.code_arcsec for run in runs), default=0.0)
     return tuple(
         cause
         for cause in causes
         if 0.0 < max(_turned(cause, run, at_rest=False) for run in runs) < step_arcsec
+        and not (cause.term.effect.inputs & Input.TURN and _motions(cause, runs) >= _SEVERAL)
         and max(_turned(cause, run, at_rest=True) for run in runs) < _AT_REST * step_arcsec
     )
+
+
+def _motions(cause: Cause[Term], runs: Sequence[GapRun]) -> int:
+    """Return in how many profiles and conditions a cause turns the output by half of the most that it does."""
+    turned = [(_turned(cause, run, at_rest=False), run) for run in runs]
+    most = max(by for by, _ in turned)
+    return len({(run.profile, run.condition) for by, run in turned if by >= 0.5 * most})
 
 
 def _turned(cause: Cause[Term], run: GapRun, *, at_rest: bool) -> float:

@@ -156,10 +156,20 @@ def smooth(effect: Effect, runs: Sequence[GapRun]) -> bool:
 def absorbed(effect: Effect, curves: Sequence[Effect]) -> bool:
     """Return whether a free curve in the model is over the very input that an effect is a function of.
 
-    A resonance there has a form of its own, that of no effect.
+    A resonance there has a form of its own, that of no effect. A temperature counts wherever it is measured: what
+    follows it lies inside or outside of both sensors, and a curve over the outer one, late, is one over both.
     """
     whole = (each for each in curves if not (isinstance(each, FreeCurve) and each.local))
-    return effect.curve is not None and any(effect.curve == curve.curve for curve in whole)
+    return effect.curve is not None and any(
+        effect.curve.of_rate == each.curve.of_rate and _place(effect.curve) == _place(each.curve)
+        for each in whole
+        if each.curve is not None
+    )
+
+
+def _place(curve: Curve) -> Input:
+    """Return what a curve is over, the temperatures inside and outside for one."""
+    return Input.T_IN if curve.over == Input.T_OUT else curve.over
 
 
 def _spline(curve: Curve, nodes: Array, lags_s: Sequence[float]) -> FreeCurve:

@@ -121,12 +121,12 @@ def curves_that_matter(
 
     def enough(curved: Judged, curve: str, other: Judged) -> bool:
         instead = other.names - curved.names
-        same = frozenset(name for name in instead if absorbed(effects[name], [effects[curve]]))
-        if not curved.names - {curve} <= other.names:
-            if not same:
-                return True
-            # what else it has does not stand for the curve
-            instead = same
+        same = frozenset(name for name in other.names if absorbed(effects[name], [effects[curve]]))
+        same = same if same & instead else frozenset()
+        if not curved.names - {curve} <= other.names and not same:
+            return True
+        # what else it has does not stand for the curve; formulas of one input draw a curve together
+        instead = same or instead
         theirs = float((left_without(other, instead or other.names) - other.left).sum())
         gained = float(other.left.sum()) - float(curved.left.sum())
         missed = missed_beside(effects[curve]) if same else MISFIT

@@ -110,12 +110,15 @@ def test_a_curve_over_an_effects_very_input_absorbs_it_and_a_resonance_does_not(
     both = curves(TURNING)
     over = {name: variants[0].effect for name, variants in both.items()}
     assert absorbed(effect("bias_linear"), [over["bias over T_in"]])
+    # what follows a temperature lies between the sensors: of the outer one, late, it is the same curve
+    assert absorbed(effect("bias_linear"), [over["bias over T_out"]])
+    assert not absorbed(effect("bias_linear"), [over["scale factor over T_out"]])
     assert absorbed(
         effect("scale_factor_temperature"), [over["bias over T_in"], over["scale factor over T_in"]]
     )
     for name, curve in (
         ("bias_linear", "scale factor over T_in"), ("bias_linear", "resonance over T_in"),
-        ("shupe", "bias over T_in"), ("bias_linear", "bias over T_out"), ("warm_up", "bias over T_in"),
+        ("shupe", "bias over T_in"), ("bias_linear", "bias over T_in - T_out"), ("warm_up", "bias over T_in"),
     ):  # fmt: skip
         assert not absorbed(effect(name), [over[curve]])
     assert not absorbed(effect("bias_linear"), [])

@@ -11,17 +11,20 @@ import pytest
 from scipy.fft import dct
 
 from bench.analysis.gap._align import aligned
+from bench.analysis.gap._causes import _turned, within_codes
 from bench.analysis.gap._cells import BANDS, codes_dph, power_in, shared_noise
 from bench.analysis.gap._data import GapRun, cut, group_runs
 from bench.analysis.gap._diagnose import diagnose
+from bench.analysis.gap._findings import Cause
 from bench.analysis.gap._import import read_mapped_runs
-from bench.analysis.gap._model_file import Model
+from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._noise import Noise, periodogram, power_of
 from bench.analysis.gap._prepare import prepare
 from bench.analysis.gap._reading import as_turned, without_reading_noise
 from bench.analysis.gap._rounding_noise import RoundingNoise, rounding_noise, step_deg
-from simulators.effects import Stimulus
-from tests.analysis.gap.conftest import made_run, stimulus
+from drivers.base.arrays import Array
+from simulators.effects import Stimulus, Variant
+from tests.analysis.gap.conftest import effect, made_run, stimulus
 
 _DIGIT_S, _SECONDS, _PEAK_DPS, _PERIOD_S = 1e-3, 1200, 40.0, 61.3
 _NOISE_DPH = 0.24
@@ -304,6 +307,28 @@ def test_what_turns_the_output_by_less_than_a_code_is_no_cause(
     if not named:
         assert found.null_probability > 0.5
         assert any("less than 18 arcsec, the step" in each for each in found.warnings)
+
+
+@pytest.mark.parametrize(("name", "seen"), [("table_wobble_once", True), ("time_offset", False)])
+def test_a_wave_over_the_tables_angle_that_three_motions_show_is_none_of_its_codes(
+    name: str, seen: bool
+) -> None:
+    """A third of a code: of two motions it may be their codes', as a late gyro may be of any number."""
+    runs = [replace(_headings(number, 0.0, 0.25), condition=f"{number}") for number in range(3)]
+    (variant, *_) = effect(name).variants()
+    values = np.zeros(len(variant.effect.parameters))
+    values[0] = 1.0
+    cause = _cause(variant, values)
+    cause = _cause(variant, values * 300.0 / max(_turned(cause, run, at_rest=False) for run in runs))
+    assert within_codes([cause], runs) == (() if seen else (cause,))
+    assert within_codes([cause], runs[:2]) == (cause,)
+    # repeats are one motion
+    assert within_codes([cause], [replace(run, condition="") for run in runs]) == (cause,)
+
+
+def _cause(variant: Variant, values: Array) -> Cause[Term]:
+    term = Term(variant, tuple(values.tolist()), tuple(np.ones(len(values)).tolist()))
+    return Cause(variant.effect.name, "", 0.9, term, {}, {}, 0.9)
 
 
 def test_what_a_resting_table_shows_is_named_however_coarse_its_codes_are(nominal: Model) -> None:

@@ -96,6 +96,15 @@ def test_a_curve_is_held_against_sets_that_have_all_the_rest_or_an_effect_of_its
     assert {CURVE, "warm_up"} in kept(near, judged({CURVE, "shupe"}, 40.5))
 
 
+def test_formulas_of_one_input_draw_a_curve_together():
+    """An eighth of what both take is the form of both; a formula of another input beside does not count."""
+    both = judged({"bias_quadratic", "bias_cubic"}, 50.0)
+    assert kept(judged({CURVE, "bias_cubic"}, 30.0), both) == [both.names]
+    assert kept(judged({CURVE, "bias_cubic"}, 20.0), both) == [{CURVE, "bias_cubic"}, both.names]
+    beside = judged({"bias_quadratic", "shupe"}, 50.0)
+    assert kept(judged({CURVE, "shupe"}, 30.0), beside) == [{CURVE, "shupe"}, beside.names]
+
+
 def test_a_set_that_only_the_form_of_an_effect_tells_from_the_best_is_nearly_as_probable():
     """Not one of another unit, and no curve; the more so the nearer it comes."""
     cells = [SimpleNamespace(count=40.0, repeatable=True, band=0)]
