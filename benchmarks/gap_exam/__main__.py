@@ -11,6 +11,7 @@ from pathlib import Path
 from benchmarks._sections import stamp
 from benchmarks.gap_exam._answer import answer_all
 from benchmarks.gap_exam._claims import claims_of, claims_table
+from benchmarks.gap_exam._compare import compared
 from benchmarks.gap_exam._families import FAMILIES, make_cases
 from benchmarks.gap_exam._make import KINDS
 from benchmarks.gap_exam._rotate import rotate, rotation_table
@@ -45,6 +46,11 @@ def main(words: Sequence[str] | None = None) -> int:
         "claims", help="how often what was stated is true, by its size and what is left"
     )
     claiming.add_argument("folders", type=Path, nargs="+")
+    comparing = commands.add_parser(
+        "compare", help="the cases that are right or wrong in another way, answered by two states of the code"
+    )
+    comparing.add_argument("before", type=Path)
+    comparing.add_argument("after", type=Path)
     scoring = commands.add_parser("score", help="print the table, a column a folder")
     scoring.add_argument("folders", type=Path, nargs="+")
     scoring.add_argument("--details", action="store_true", help="a line a case, too")
@@ -68,6 +74,9 @@ def main(words: Sequence[str] | None = None) -> int:
         if len(chosen.folders) < 2:
             parser.error("claims judges each family by the others: name two folders or more")
         print("\n".join(claims_table(list(claims_of(chosen.folders)))))
+    elif chosen.command == "compare":
+        for line in compared(chosen.before, chosen.after):
+            print(line)
     else:
         _score(chosen.folders, with_details=chosen.details, write=chosen.write)
     return 0

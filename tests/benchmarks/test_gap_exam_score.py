@@ -1,6 +1,7 @@
 """The exam's scorer against a folder small enough to count by hand, and the files between its commands."""
 
 import json
+import shutil
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from benchmarks.gap_exam import __main__ as command
 from benchmarks.gap_exam import _answer, _score
+from benchmarks.gap_exam._compare import compared
 from benchmarks.gap_exam._files import Seal, read_arrays, read_seal, run_keys, write_seal
 from benchmarks.gap_exam._score import marked_cases, read_answer
 from benchmarks.gap_exam._table import ROWS, share_text, table
@@ -75,6 +77,32 @@ def rows(folder):
 
 def of(text):
     return text.split(" = ")[0]
+
+
+def test_two_states_of_the_code_are_compared_case_by_case(folder, tmp_path_factory):
+    one = seal("single", {"shupe": 4.0})
+    folder.add("lost", one, facts([cause("shupe", 0.9)]))
+    folder.add("null", seal("null", {}), facts())
+    folder.add("same", one, facts([cause("warm_up", 0.9)]))
+    folder.add("weak", seal("single", {"shupe": 0.5}), facts([cause("shupe", 0.9)]))
+    folder.add("won", one, facts([cause("shupe", 0.9)], unknown=0.9))
+    before = tmp_path_factory.mktemp("states") / "before"
+    shutil.copytree(folder.path, before)
+    folder.add("lost", one, facts())
+    folder.add("null", seal("null", {}), facts([cause("shupe", 0.9)]))
+    folder.add("weak", seal("single", {"shupe": 0.5}), facts())
+    folder.add("won", one, facts([cause("shupe", 0.9)]))
+    lost, null, won, counts = compared(before, folder.path)
+    assert lost.startswith("right -> not found: lost: shupe 4.0 -> no gap")
+    assert null.startswith(
+        "right -> an alarm without a gap, a false cause: null: nothing -> shupe 0.90 (false)"
+    )
+    assert won.startswith("unknown beside it -> right: won: ")
+    assert counts == "2 of 5 cases with a fault before, 3 after"
+    for path in (before / "answers").iterdir():
+        path.unlink()
+    with pytest.raises(ConfigurationError, match="no answered case in common"):
+        list(compared(before, folder.path))
 
 
 def test_singles_pairs_and_probabilities_count_as_by_hand(folder):
