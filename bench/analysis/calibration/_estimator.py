@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dtrtrs
 
 from bench.analysis.calibration._axes_check import require_axis_order
 from bench.analysis.calibration._checks import require_axes, require_latitude, require_schedule, require_whole
@@ -150,6 +149,8 @@ def filter_track(track: Track, current: Array, sigma: Array, task: Task, options
 
     `sigma` (43,): see `prior_sigma`. Means of biases that wander are six states more, which nothing measures.
     """
+    from scipy.linalg.lapack import dpotrf, dtrtrs  # here: procedures load without scipy (decision 0021)
+
     all_sigma = np.concatenate([sigma, sigma[_WANDER]])
     used = np.flatnonzero(all_sigma > 0.0)
     scale = all_sigma[used]
