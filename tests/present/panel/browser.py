@@ -44,7 +44,7 @@ NEEDED = [
 
 DESK = pytest.mark.parametrize("width", [1280])
 PHONE = pytest.mark.parametrize("width", [390])
-"""Screens in px: what is done at a desk and what is done beside the bench. Every page at both:
+"""Screens in px: what is done at a desk and what is done beside the bench. Every page at both, light and dark:
 `test_panel_accessible.py`."""
 
 

@@ -13,8 +13,7 @@ from tests.present.panel.test_panel_queue import Bench, bench_with_panel
 
 pytestmark = [*NEEDED, pytest.mark.concurrent]
 PASSWORD = "kettle violin harbour"
-LOOKS = ((1280, "light"), (390, "dark"))
-"""Each width and each scheme once: colours know nothing of the width, nor the layout of the scheme."""
+LOOKS = [(width, scheme) for width in (1280, 390) for scheme in ("light", "dark")]
 
 
 @pytest.fixture
@@ -27,7 +26,7 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
 
 
 def test_axe_finds_nothing_serious_on_any_page(bench: Bench) -> None:
-    """Wide and light, narrow and dark: live with all that it shows, queue, plan, dialogs, runs, operators."""
+    """At 1280 and 390 px, light and dark: live with all that it shows, queue, plan, dialogs, runs, operators."""
     from playwright.sync_api import expect
 
     bench.queue.add(RunOrder(procedure="known-state"), "Ada")
