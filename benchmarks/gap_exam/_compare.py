@@ -25,7 +25,7 @@ def faults(case: Marked) -> tuple[str, ...]:
         (bool(case.known) and case.snr >= _CLEAR_SNR and not all(case.found.values()), "not found"),
         (case.false_cause, "a false cause"),
         (
-            case.kind == "single" and case.snr >= _CLEAR_SNR and not case.false_cause and beside,
+            case.kind in ("single", "pair") and case.snr >= _CLEAR_SNR and not case.false_cause and beside,
             "unknown beside it",
         ),
         (case.kind == "mixed" and not beside, "nothing unknown"),

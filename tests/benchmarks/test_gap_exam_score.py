@@ -86,19 +86,23 @@ def test_two_states_of_the_code_are_compared_case_by_case(folder, tmp_path_facto
     folder.add("same", one, facts([cause("warm_up", 0.9)]))
     folder.add("weak", seal("single", {"shupe": 0.5}), facts([cause("shupe", 0.9)]))
     folder.add("won", one, facts([cause("shupe", 0.9)], unknown=0.9))
+    two, both = seal("pair", {"shupe": 4.0, "warm_up": 2.0}), [cause("shupe", 0.9), cause("warm_up", 0.9)]
+    folder.add("pair", two, facts(both))
     before = tmp_path_factory.mktemp("states") / "before"
     shutil.copytree(folder.path, before)
     folder.add("lost", one, facts())
     folder.add("null", seal("null", {}), facts([cause("shupe", 0.9)]))
     folder.add("weak", seal("single", {"shupe": 0.5}), facts())
     folder.add("won", one, facts([cause("shupe", 0.9)]))
-    lost, null, won, counts = compared(before, folder.path)
+    folder.add("pair", two, facts(both, unknown=0.9))
+    lost, null, pair, won, counts = compared(before, folder.path)
     assert lost.startswith("right -> not found: lost: shupe 4.0 -> no gap")
     assert null.startswith(
         "right -> an alarm without a gap, a false cause: null: nothing -> shupe 0.90 (false)"
     )
     assert won.startswith("unknown beside it -> right: won: ")
-    assert counts == "2 of 5 cases with a fault before, 3 after"
+    assert pair.startswith("right -> unknown beside it: pair: ")
+    assert counts == "2 of 6 cases with a fault before, 4 after"
     for path in (before / "answers").iterdir():
         path.unlink()
     with pytest.raises(ConfigurationError, match="no answered case in common"):

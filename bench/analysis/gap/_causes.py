@@ -46,7 +46,10 @@ _MOST_ALIKE = 4
 _AT_REST = 0.1
 """Part of a code by which a cause may turn the output while the table rests: of the samples beside its moves."""
 _SEVERAL = 3
-"""Different motions whose codes do not all make the same wave over the table's angle."""
+"""Motions, each of another profile or condition, whose codes do not all make the same wave over the angle.
+
+Counted are those in which a cause turns the output by half of the most that it does, or more.
+"""
 _SURE_SET = 0.9
 """Probability from which an effect, or a set of those that these runs cannot tell apart, is left as it is."""
 
@@ -59,20 +62,19 @@ def within_codes(causes: Sequence[Cause[Term]], runs: Sequence[GapRun]) -> tuple
     table's angle comes again with each turn, codes with each code: of several motions they do not make the same.
     """
     step_arcsec = max((run.code_arcsec for run in runs), default=0.0)
-    return tuple(
-        cause
-        for cause in causes
-        if 0.0 < max(_turned(cause, run, at_rest=False) for run in runs) < step_arcsec
-        and not (cause.term.effect.inputs & Input.TURN and _motions(cause, runs) >= _SEVERAL)
-        and max(_turned(cause, run, at_rest=True) for run in runs) < _AT_REST * step_arcsec
-    )
+    return tuple(cause for cause in causes if _within(cause, runs, step_arcsec))
 
 
-def _motions(cause: Cause[Term], runs: Sequence[GapRun]) -> int:
-    """Return in how many profiles and conditions a cause turns the output by half of the most that it does."""
-    turned = [(_turned(cause, run, at_rest=False), run) for run in runs]
-    most = max(by for by, _ in turned)
-    return len({(run.profile, run.condition) for by, run in turned if by >= 0.5 * most})
+def _within(cause: Cause[Term], runs: Sequence[GapRun], step_arcsec: float) -> bool:
+    moving = [_turned(cause, run, at_rest=False) for run in runs]
+    if not 0.0 < max(moving) < step_arcsec:
+        return False
+    if max(_turned(cause, run, at_rest=True) for run in runs) >= _AT_REST * step_arcsec:
+        return False
+    motions = {
+        (run.profile, run.condition) for run, by in zip(runs, moving, strict=True) if by >= 0.5 * max(moving)
+    }
+    return not cause.term.effect.inputs & Input.TURN or len(motions) < _SEVERAL
 
 
 def _turned(cause: Cause[Term], run: GapRun, *, at_rest: bool) -> float:
