@@ -322,6 +322,10 @@ def test_a_wave_over_the_tables_angle_that_three_motions_show_is_none_of_its_cod
     cause = _cause(variant, values * 300.0 / max(_turned(cause, run, at_rest=False) for run in runs))
     assert within_codes([cause], runs) == (() if seen else (cause,))
     assert within_codes([cause], runs[:2]) == (cause,)
+    # a table that rests shows nothing of it
+    s = runs[2].stimulus
+    resting = replace(runs[2], stimulus=replace(s, angle_deg=np.full(len(s) + 1, 10.0)))
+    assert within_codes([cause], [*runs[:2], resting]) == (cause,)
     # repeats are one motion
     assert within_codes([cause], [replace(run, condition="") for run in runs]) == (cause,)
 
