@@ -34,46 +34,44 @@ def test_axe_finds_nothing_serious_on_any_page(bench: Bench) -> None:
     write_now(bench.panel.runs / "one", "one", **NOW)
     write_now(bench.panel.runs / "two", "two", chamber=5)
     found: dict[str, list[str]] = {}
-    for width, scheme in LOOKS:
-        with browser_page(width, scheme) as page:
+    with browser_page() as page:
 
-            def look(
-                what: str, within: str = "html", page=page, where: str = f"{width} px, {scheme}"
-            ) -> None:
+        def look(what: str, within: str = "html") -> None:
+            for width, scheme in LOOKS:
+                page.set_viewport_size({"width": width, "height": 900})
+                page.emulate_media(color_scheme=scheme)
                 if wrong := serious(page, within):
-                    found[f"{what}, {where}"] = wrong
-                assert page.evaluate("document.documentElement.scrollWidth") <= page.viewport_size["width"], (
-                    what
-                )
+                    found[f"{what}, {width} px, {scheme}"] = wrong
+                assert page.evaluate("document.documentElement.scrollWidth") <= width, f"{what}, {width} px"
 
-            page.goto(bench.panel.url)
-            look("sign in")
-            page.get_by_label("Name").fill("Ada Lovelace")
-            page.get_by_label("Password").fill("not the password")
-            page.get_by_test_id("sign-in").click()
-            expect(page.get_by_role("alert")).to_be_visible()
-            look("sign in, refused")
-            page.get_by_label("Password").fill(PASSWORD)
-            page.get_by_test_id("sign-in").click()
-            page.goto(f"{bench.panel.url}?session=one")
-            expect(page.get_by_test_id("question")).to_contain_text("Ready?")
-            page.wait_for_function("window.gyrobench?.messages > 3 && window.gyrobench.rows() > 0")
-            look("live")
-            page.get_by_test_id("abort").click()
-            expect(page.get_by_test_id("abort-now")).to_be_visible()
-            look("live, abort asked", ".q-dialog")
-            page.goto(bench.form("constant-rotation"))
-            page.locator("#p-rate_dps").fill("99")
-            expect(page.locator("[data-plan-body] .wrong")).to_be_visible()
-            expect(page.locator("[data-waiting] .about")).to_have_count(2)
-            look("queue, a mistake")
-            page.locator("#p-rate_dps").fill("9")
-            expect(page.get_by_test_id("start-now")).to_be_enabled()
-            page.get_by_test_id("start-now").click()
-            look("queue, start asked", "dialog")
-            for name in ("history", "trends", "operators", "?bench=none"):
-                page.goto(bench.panel.url + name)
-                look(name)
+        page.goto(bench.panel.url)
+        look("sign in")
+        page.get_by_label("Name").fill("Ada Lovelace")
+        page.get_by_label("Password").fill("not the password")
+        page.get_by_test_id("sign-in").click()
+        expect(page.get_by_role("alert")).to_be_visible()
+        look("sign in, refused")
+        page.get_by_label("Password").fill(PASSWORD)
+        page.get_by_test_id("sign-in").click()
+        page.goto(f"{bench.panel.url}?session=one")
+        expect(page.get_by_test_id("question")).to_contain_text("Ready?")
+        page.wait_for_function("window.gyrobench?.messages > 3 && window.gyrobench.rows() > 0")
+        look("live")
+        page.get_by_test_id("abort").click()
+        expect(page.get_by_test_id("abort-now")).to_be_visible()
+        look("live, abort asked", ".q-dialog")
+        page.goto(bench.form("constant-rotation"))
+        page.locator("#p-rate_dps").fill("99")
+        expect(page.locator("[data-plan-body] .wrong")).to_be_visible()
+        expect(page.locator("[data-waiting] .about")).to_have_count(2)
+        look("queue, a mistake")
+        page.locator("#p-rate_dps").fill("9")
+        expect(page.get_by_test_id("start-now")).to_be_enabled()
+        page.get_by_test_id("start-now").click()
+        look("queue, start asked", "dialog")
+        for name in ("history", "trends", "operators", "?bench=none"):
+            page.goto(bench.panel.url + name)
+            look(name)
     assert not found, "\n".join(f"{where}: {text}" for where, texts in found.items() for text in texts)
 
 
