@@ -79,6 +79,7 @@ def rate_of(made: MappedLog, gyro: str | None = None) -> GapRun:
         owner = np.where(np.isin(owner, np.flatnonzero(~np.isnan(output))), owner, -1)
         finer = FastRows(np.where(owner < 0, np.nan, even), steps.usual_s, owner, stimulus, phases)
         fast, output = finer.spectra, output - finer.alias_dph
+    logged_deg = log.other_rows.get("angle", log.columns.get("angle", np.empty(0)))
     return GapRun(
         made.run_id,
         mapping.unit_id if axis == mapping.axis else f"{mapping.unit_id} {axis}",
@@ -100,7 +101,7 @@ def rate_of(made: MappedLog, gyro: str | None = None) -> GapRun:
         power_on_told=entry.power_on_s is not None,
         rounding_noise=None
         if turned_deg is None
-        else rounding_noise(stimulus.angle_deg, step_deg(log.columns["angle"]), steps.time_sigma_s, span_s),
+        else rounding_noise(stimulus.angle_deg, step_deg(logged_deg), steps.time_sigma_s, span_s),
     )
 
 

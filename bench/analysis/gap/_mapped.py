@@ -12,6 +12,8 @@ from bench.record.exchange import Log, LogEntry, Mapping, read_log, read_mapping
 from bench.record.recording import Run
 from drivers.base.errors import ConfigurationError
 
+_BLOCK = 1 << 20
+
 
 @dataclass(frozen=True, eq=False)
 class MappedLog:
@@ -37,7 +39,8 @@ def mapped_logs(path: Path) -> Iterator[MappedLog]:
     same = Counter(entry.run_id for entry, _ in logs)
     for entry, file in logs:
         own = entry.run_id if entry.run_id and same[entry.run_id] == 1 else file.stem
-        yield MappedLog(entry, mapping, file, read_log(file, mapping), own, checksum_of(file))
+        beside = [mapping.recorder_file(name, file) for name in sorted(mapping.recorder)]
+        yield MappedLog(entry, mapping, file, read_log(file, mapping), own, checksum_of(file, *beside))
 
 
 def imported_log(run: Run) -> MappedLog:
@@ -50,7 +53,11 @@ def imported_log(run: Run) -> MappedLog:
     return MappedLog(entry, mapping, file, read_log(file, mapping), run.manifest.run_id, run.checksum)
 
 
-def checksum_of(file: Path) -> str:
-    """Return a file's SHA-256."""
-    with file.open("rb") as log:
-        return hashlib.file_digest(log, "sha256").hexdigest()
+def checksum_of(*files: Path) -> str:
+    """Return the SHA-256 of a log and of what other recorders wrote beside it, one file after the other."""
+    digest = hashlib.sha256()
+    for file in files:
+        with file.open("rb") as log:
+            while block := log.read(_BLOCK):
+                digest.update(block)
+    return digest.hexdigest()

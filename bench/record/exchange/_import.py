@@ -61,6 +61,14 @@ def import_log(log: Path, mapping_file: Path, runs: Path) -> Path:
             expected=f"at most {_LONGEST_NAME} printable characters, and not {_MAPPING}",
             remedy="rename the log, or say run_id in the mapping's [[run]]",
         )
+    beside = [mapping.recorder_file(part, log) for part in mapping.recorder]
+    if len({file.name for file in beside} | {log.name, _MAPPING}) != len(beside) + 2:
+        raise ConfigurationError(
+            "files of one run cannot have the same name in a run folder",
+            where=str(log),
+            found=", ".join(str(file) for file in beside),
+            expected=f"names that differ from one another, from the log's and from {_MAPPING}",
+        )
     if target.exists():
         raise ConfigurationError(
             "there is a run of that name",
@@ -73,7 +81,8 @@ def import_log(log: Path, mapping_file: Path, runs: Path) -> Path:
         with tempfile.TemporaryDirectory(prefix=".importing-", dir=runs) as scratch:
             folder = Path(scratch) / name
             (folder / "raw").mkdir(parents=True)
-            shutil.copyfile(log, folder / "raw" / log.name)
+            for file in (log, *beside):
+                shutil.copyfile(file, folder / "raw" / file.name)
             shutil.copyfile(mapping_file, folder / "raw" / _MAPPING)
             _write_run(folder, log.name, mapping, entry, data, started)
             folder.rename(target)

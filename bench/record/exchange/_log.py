@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import abc
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from bench.record.exchange._mapping import Column, Mapping
+from bench.record.exchange._recorders import existing_file, on_rows, shifted
 from bench.record.exchange._row_times import check_time, in_order, mean_step_s
 from bench.record.exchange._table import TIME_OF_FILE, has_own_times, read_table
 from bench.record.exchange._units import (
@@ -45,26 +46,50 @@ class Log:
     `columns` has `output` and `table_rate` in deg/s, `angle` (unwrapped) and `elevation` in deg, `t_in`,
     `t_out`, `air` and `set_point` in degC, `heater` in W, `door` from 0 to 1; only those that the mapping names.
     NaN where a value is missing; rates, too, where the column `valid` is zero or missing. `remarks` say which
-    rows were put into order or were there twice, and what was done about a clock that was set back.
+    rows were put into order or were there twice, and what was done about a clock that was set back. `other_rows`
+    has the columns of other recorders at the rows that they were written in, shape (m,) each.
     """
 
     time_s: Array
     columns: abc.Mapping[str, Array]
     remarks: tuple[str, ...] = ()
+    other_rows: abc.Mapping[str, Array] = field(default_factory=dict)
 
 
 def read_log(file: Path, mapping: Mapping) -> Log:
-    """Read a log of any format that `read_table` knows.
+    """Read a log of any format that `read_table` knows, and what other recorders wrote beside it.
 
     ConfigurationError for a file that cannot be read, columns that are not there, are no numbers or have a unit
-    that is not known, and times that do not grow.
+    that is not known, times that do not grow, and recorders whose times do not meet the log's.
     """
-    wanted = mapping.named()
+    named = mapping.named()
+    log, dated = _read(file, {n: c for n, c in named.items() if not c.recorder}, mapping.rate_hz)
+    columns, remarks = dict(log.columns), list(log.remarks)
+    other_rows: dict[str, Array] = {}
+    for name, recorder in mapping.recorder.items():
+        other_file = existing_file(name, mapping, file)
+        wanted = {n: c for n, c in named.items() if c.recorder == name}
+        if recorder.time is not None:
+            wanted["time"] = recorder.time
+        other, other_dated = _read(other_file, wanted, recorder.rate_hz)
+        time_s = shifted(recorder, other_file, other.time_s, other_dated, log.time_s, dated)
+        other_rows |= other.columns
+        columns |= {n: on_rows(n, log.time_s, time_s, values) for n, values in other.columns.items()}
+        remarks += [f"{name}: {remark}" for remark in other.remarks]
+    if "valid" in columns:
+        invalid = ~(np.nan_to_num(columns.pop("valid")) != 0.0)
+        columns |= {n: np.where(invalid, np.nan, columns[n]) for n in _VALID_RATES if n in columns}
+    return Log(log.time_s, columns, tuple(remarks), other_rows)
+
+
+def _read(file: Path, wanted: dict[str, Column], rate_hz: float | None) -> tuple[Log, bool]:
+    """Return the columns of one file, and whether its times are date-times."""
+    wanted = dict(wanted)
     scales = {name: _scale(name, column, file) for name, column in wanted.items()}
     own_times = has_own_times(file)
     if own_times:
         wanted.pop("time", None)
-    elif "time" not in wanted and mapping.rate_hz is None:
+    elif "time" not in wanted and rate_hz is None:
         raise ConfigurationError(
             "the mapping file is not complete",
             where=file.name,
@@ -82,28 +107,21 @@ def read_log(file: Path, mapping: Mapping) -> Log:
                 found=word,
                 expected="numbers; of times also date-times",
             )
-    values = {name: _without(table.columns[column.name], column.missing) for name, column in wanted.items()}
+    values = {name: _numbers(table.columns[column.name], column, name) for name, column in wanted.items()}
     dated = False
     if own_times:
         time_s = table.columns[TIME_OF_FILE]
     elif "time" not in values:
-        time_s = np.arange(len(next(iter(values.values()), ()))) / (mapping.rate_hz or 1.0)
+        time_s = np.arange(len(next(iter(values.values()), ()))) / (rate_hz or 1.0)
     else:
         dated = wanted["time"].name == table.time  # date-times are s already
         time_s = values.pop("time") * (1.0 if dated else scales["time"].factor)
     time_s, values, remarks = in_order(time_s, values, dated=dated)
     check_time(time_s, file)
-    for name, scale in scales.items():
-        if name in values:
-            values[name] = _scaled(values[name], scale, time_s)
-    if "valid" in values:
-        invalid = ~(np.nan_to_num(values.pop("valid")) != 0.0)
-        for name in _VALID_RATES:
-            if name in values:
-                values[name][invalid] = np.nan
+    values = {name: _scaled(column, scales[name], time_s) for name, column in values.items()}
     if "angle" in values:
         values["angle"] = _unwrapped(values["angle"])
-    return Log(time_s, values, remarks)
+    return Log(time_s, values, remarks), dated
 
 
 def _scale(name: str, column: Column, file: Path) -> Scale:
@@ -116,9 +134,21 @@ def _scale(name: str, column: Column, file: Path) -> Scale:
     return scale
 
 
-def _without(values: Array, missing: float | None) -> Array:
-    """Return values (n,), NaN where a log has its number for a missing one."""
-    return values if missing is None else np.where(values == missing, np.nan, values)
+def _numbers(values: Array, column: Column, name: str) -> Array:
+    """Return values (n,): NaN where a log has its number for a missing one, a counter that begins anew going on.
+
+    Of times it only goes up; anything else may count down, too, and changes by less than half of its range.
+    """
+    if column.missing is not None:
+        values = np.where(values == column.missing, np.nan, values)
+    if column.wraps is None:
+        return values
+    known = np.isfinite(values)
+    step = np.diff(values[known], prepend=values[known][:1])
+    turns = np.floor(step / column.wraps) if name == "time" else np.rint(step / column.wraps)
+    result = values.copy()
+    result[known] -= column.wraps * np.cumsum(turns)
+    return result
 
 
 def _scaled(values: Array, scale: Scale, time_s: Array) -> Array:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from drivers.base.arrays import Array
 from drivers.base.constants import ZERO_CELSIUS_K
@@ -22,11 +22,17 @@ class _Part(BaseModel):
 
 
 class Column(_Part):
-    """A column by its name in the log, and its unit; `missing`: the number that stands for a missing value."""
+    """A column by its name in the log, and its unit.
+
+    `missing`: the number that stands for a missing value. `wraps`: where a counter begins anew, in the log's
+    numbers. `recorder`: which one wrote it, where it is in a log of its own.
+    """
 
     name: str
     unit: str = ""
     missing: float | None = None
+    wraps: float | None = Field(default=None, gt=0.0, le=1e20)
+    recorder: str = ""
 
 
 class Columns(_Part):
@@ -111,6 +117,21 @@ class LogEntry(_Part):
         return angle
 
 
+class Recorder(_Part):
+    """What another recorder wrote while a log was: the chamber's, the table's.
+
+    `file`: from the log's folder; "*" in it stands for what it stands for in the `file` of [[run]]. `time`: its
+    column of times, or `rate_hz` of its rows. `starts_s`: how long after the log's first row its first one was
+    written, where their clocks have nothing in common; `shift_s` is added to its times.
+    """
+
+    file: str = Field(min_length=1)
+    time: Column | None = None
+    rate_hz: float | None = Field(default=None, gt=0.0, le=1e6)
+    starts_s: float | None = Field(default=None, ge=-3.2e7, le=3.2e7)
+    shift_s: float = Field(default=0.0, ge=-1e10, le=1e10)
+
+
 class Mapping(_Part):
     """A mapping file. `rate_hz`: of the rows, where no column has the time."""
 
@@ -119,6 +140,7 @@ class Mapping(_Part):
     latitude_deg: float = Field(ge=-90, le=90)
     columns: Columns
     run: tuple[LogEntry, ...] = (LogEntry(),)
+    recorder: dict[str, Recorder] = Field(default_factory=dict)
     gyro: str = Field(default="gyro", pattern=r"^[a-z][a-z0-9_]{0,31}$")
     axis: Axis = "x"
     rate_hz: float | None = Field(default=None, gt=0.0, le=1e6)
@@ -126,6 +148,18 @@ class Mapping(_Part):
     model: str = ""
     bench: str = "another bench"
     procedure: str = ""
+
+    @model_validator(mode="after")
+    def _each_recorder_is_known(self) -> Mapping:
+        columns = self.named()
+        told = {column.recorder for column in columns.values()} - {""}
+        if unknown := told ^ set(self.recorder):
+            raise ValueError(
+                f"recorder {sorted(unknown)}: a column names it and [recorder] does not, or neither"
+            )
+        if wrong := [name for name in ("time", "output") if name in columns and columns[name].recorder]:
+            raise ValueError(f"{wrong[0]} is one of the log itself, of no other recorder")
+        return self
 
     def named(self) -> dict[str, Column]:
         """Return the columns by what they are: `output`, `rate_y`, `accelerometer_x`, `t_in`, ..."""
@@ -155,7 +189,22 @@ class Mapping(_Part):
                         expected="files beside it",
                     )
             found |= {file: entry for file in files if file not in found}
-        return [(entry, file) for file, entry in found.items()]
+        beside = {self.recorder_file(name, file) for name in self.recorder for file in found}
+        return [(entry, file) for file, entry in found.items() if file not in beside]
+
+    def recorder_file(self, name: str, log: Path) -> Path:
+        """Return where a recorder's file is: from the log's folder, or beside the log if only that is there."""
+        pattern = self.recorder[name].file
+        before, star, behind = "", "", ""
+        for entry in self.run:
+            if fnmatch(log.name, Path(entry.file).name):
+                before, star, behind = Path(entry.file).name.partition("*")
+                break
+        fits = star and log.name.startswith(before) and log.name.endswith(behind)
+        stem = log.name[len(before) : len(log.name) - len(behind)] if fits else log.stem
+        file = log.parent / pattern.replace("*", stem)
+        beside = log.parent / file.name
+        return beside if beside.is_file() and not file.is_file() else file
 
     def entry_for(self, log: Path, where: Path) -> LogEntry:
         """Return the entry of a log, by its name; ConfigurationError when none fits."""

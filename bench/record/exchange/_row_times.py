@@ -111,7 +111,8 @@ def check_time(time_s: Array, file: Path) -> None:
             where=str(file),
             found=f"{time_s[at]:.9g} s, then {time_s[at + 1]:.9g} s in row {at + 2} ({len(wrong)} such rows)",
             expected="ascending times without repeats",
-            remedy="if rows come evenly and only stamps repeat, leave `time` out of the mapping and give rate_hz",
+            remedy="a counter that begins anew: say where (`wraps`); rows that come evenly and whose stamps only "
+            "repeat: leave `time` out of the mapping and give rate_hz",
         )
     if not time_s[-1] - time_s[0] <= _LONGEST_S:
         raise ConfigurationError(
