@@ -7,9 +7,11 @@ import numpy as np
 from drivers.base.arrays import Array
 from simulators.effects._effect import PPM, Curve, Effect, Input, Parameter, Shape
 from simulators.effects._stimulus import Stimulus
-from simulators.effects._thermal import LAGS, RELAXATIONS_S, late, power
+from simulators.effects._thermal import LAGS, RELAXATIONS_S, SPAN_K, bent, late, power
 
 _AT_DPS = 100.0
+_NEARLY = 0.8
+"""Growth of the slope in 50 K, as a power of e, up to which a scale factor counts as proportional to temperature."""
 
 
 def _both_ways(s: Stimulus, _: Shape) -> Array:
@@ -18,16 +20,24 @@ def _both_ways(s: Stimulus, _: Shape) -> Array:
     return np.asarray(0.5 * s.mean_speed_dph / np.where(rate == 0.0, 1.0, rate))
 
 
+def _nearly_straight(s: Stimulus, shape: Shape) -> Array:
+    """Return T_in above 25 degC, late by `lag_s`, with a slope that is e^bend times as large at 75 degC."""
+    return SPAN_K * bent(s.lagged(s.warm_k, shape.get("lag_s", 0.0)), shape.get("bend", 0.0))
+
+
 SCALE_FACTOR_OVER_TEMPERATURE = (
     Effect(
         "scale_factor_temperature",
         (Parameter("sf_ppm_per_k", -500.0, 500.0, PPM.per("K")),),
-        lambda s, shape: s.lagged(s.warm_k, shape.get("lag_s", 0.0)),
+        _nearly_straight,
         Input.T_IN,
-        "rate times T_in",
+        "rate times T_in, or what grows with it and bends a little",
         "IEEE Std 952, scale-factor temperature sensitivity",
-        "Scale factor is proportional to temperature.",
-        LAGS,
+        "Scale factor is proportional to temperature, or nearly so.",
+        (
+            *({**lag, "bend": 0.0} for lag in LAGS),
+            *({"lag_s": 0.0, "bend": bend} for bend in (-_NEARLY, _NEARLY)),
+        ),
         unit=PPM,
         curve=Curve(Input.T_IN, of_rate=True),
     ),

@@ -108,12 +108,12 @@ def _shupe(s: Stimulus, shape: Shape) -> tuple[Array, ...]:
 def _cross(s: Stimulus, shape: Shape) -> Array:
     """Return the rate of temperature change times a sensitivity that is 0 at 25 degC: a line there, or bent."""
     lag_s = shape["lag_s"]
-    return _bent(s.lagged(s.warm_k, lag_s), shape) * s.lagged(s.warming_k_per_min, lag_s)
+    return bent(s.lagged(s.warm_k, lag_s), shape.get("growth", 0.0)) * s.lagged(s.warming_k_per_min, lag_s)
 
 
-def _bent(above_k: Array, shape: Shape) -> Array:
+def bent(above_k: Array, growth: float) -> Array:
     """Return temperatures above 25 degC in 50 K, bent: of slope 1 there, e^growth times as steep at 75 degC."""
-    relative, growth = above_k / SPAN_K, shape.get("growth", 0.0)
+    relative = above_k / SPAN_K
     return relative if abs(growth) < _STRAIGHT else np.expm1(growth * relative) / growth
 
 
@@ -232,7 +232,8 @@ def late(s: Stimulus, shape: Shape) -> Array:
     follower_k = sum(followers_k[1:], start=followers_k[0]) / len(apart)
     if shape.get("static", 0.0):
         return follower_k
-    return body_k - follower_k if part else SPAN_K * (_bent(body_k, shape) - _bent(follower_k, shape))
+    growth = shape.get("growth", 0.0)
+    return body_k - follower_k if part else SPAN_K * (bent(body_k, growth) - bent(follower_k, growth))
 
 
 def _slow(

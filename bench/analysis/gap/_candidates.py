@@ -76,7 +76,11 @@ def series_of(effect: Effect) -> Hashable:
     A real dependence has more than one of its terms: they are one mechanism. None for thresholds and memories.
     """
     keys = {key for shape in effect.shapes for key in shape}
-    if effect.curve is not None and effect.inputs == effect.curve.over and keys <= {"lag_s", "growth"}:
+    if (
+        effect.curve is not None
+        and effect.inputs == effect.curve.over
+        and keys <= {"lag_s", "growth", "bend"}
+    ):
         return effect.curve
     return "even rates" if effect.parity == 1 else None
 

@@ -26,6 +26,8 @@ T = TypeVar("T")
 _COPY, _LESS = 0.8, 0.7
 """Correlation of repeats' changes from which they may be copies; part of a run's noise that their difference has
 then: of two with noise of their own it has 1.4 times as much."""
+_ORDER = 8
+"""Of the differences: a swing of ten samples, some hundred times as large as noise, is less than it in them."""
 _OF_REPEATS, _OF_CONDITIONS = 0.5, 0.9
 """Least part of the longest that a repeat, or another condition, must last to be cut to one length with it."""
 MOST_MISSING = 0.6
@@ -49,6 +51,7 @@ class GapRun:
     set right in its log. `unknown_dph`: rms of an input rate that nobody knows and that is another after each
     `unknown_time_s`: Earth's, of a unit turned by hand. `power_on_told`: whether the time since power-on is
     known. `rounding_noise`: of its log's stamps and of the angle's codes, None where both are exact.
+    `table_rows`: times from the run's start and the table's angle, (m,) each, of a log finer than the samples.
     """
 
     run_id: str
@@ -70,6 +73,7 @@ class GapRun:
     unknown_time_s: float = 0.0
     power_on_told: bool = True
     rounding_noise: RoundingNoise | None = None
+    table_rows: tuple[Array, Array] | None = None
 
     @property
     def code_arcsec(self) -> float:
@@ -136,8 +140,8 @@ def check_runs(runs: Sequence[GapRun]) -> None:
 
 
 def _scatter(error_dph: Array) -> float:
-    """Return the median size of second differences, which slow things hardly move; 0 where none is known."""
-    sizes = np.abs(np.diff(error_dph, 2))
+    """Return the median size of high differences, which slow things hardly move; 0 where none is known."""
+    sizes = np.abs(np.diff(error_dph, _ORDER))
     known = sizes[np.isfinite(sizes)]
     return float(np.median(known)) if len(known) else 0.0
 
@@ -150,7 +154,7 @@ def _check_copies(repeats: Sequence[GapRun], quietest: float) -> None:
     """
     # signs, so that a few large steps of rate, which repeats share, do not count for more than noise
     errors = [run.output_dph - run.stimulus.input_rate_dph for run in repeats]
-    steps = [np.sign(np.nan_to_num(np.diff(error, 2))) for error in errors]
+    steps = [np.sign(np.nan_to_num(np.diff(error, _ORDER))) for error in errors]
     for index, (run, step) in enumerate(zip(repeats, steps, strict=True)):
         for at, (other, theirs) in enumerate(zip(repeats[:index], steps[:index], strict=True)):
             together = float(step @ theirs) / max(

@@ -15,7 +15,7 @@ from bench.analysis.gap._log_rows import even_rows, finest_angle_deg, held_rows
 from bench.analysis.gap._mapped import MappedLog, imported_log, mapped_logs
 from bench.analysis.gap._other_axes import OtherAxes, other_axes
 from bench.analysis.gap._rounding_noise import rounding_noise, step_deg
-from bench.analysis.gap._rows import Steps, steady_beside, true_times
+from bench.analysis.gap._rows import Steps, finer_rows, steady_beside, true_times
 from bench.record.exchange import Log, LogEntry, Mapping
 from bench.record.recording import Run, names_at
 from drivers.base.arrays import Array
@@ -102,6 +102,7 @@ def rate_of(made: MappedLog, gyro: str | None = None) -> GapRun:
         rounding_noise=None
         if turned_deg is None
         else rounding_noise(stimulus.angle_deg, step_deg(logged_deg), steps.time_sigma_s, span_s),
+        table_rows=None if turned_deg is None else finer_rows(steps, turned_deg),
     )
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bench.analysis.gap._aliases import in_rows
+from bench.analysis.gap._align import aligned, offset_ms, read_with, with_offset
 from bench.analysis.gap._candidates import candidate_variants
 from bench.analysis.gap._causes import (
     causes_of,
@@ -59,7 +60,8 @@ class RateFinding(Finding[Term]):
     these runs cannot show to the reason. `noise` is the floor; `stochastic` has the noise effects and
     disturbances named with their probability, `disturbed` holds the latter. `learned` is what closes a gap
     without a name, None where there is none. `held` has by cause the part of what it adds that held-out runs
-    show, NaN where it adds less than five standard deviations to them. The verdict is one of "no gap",
+    show, NaN where it adds less than five standard deviations to them. `early_ms`: the part of the model's time
+    offset at which the runs were read. The verdict is one of "no gap",
     "explained", "explained in part", "unknown", "nothing to identify".
     """
 
@@ -76,6 +78,7 @@ class RateFinding(Finding[Term]):
     unidentifiable: Mapping[str, str]
     unknown_parts: tuple[UnknownPart, ...]
     latitude_deg: float
+    early_ms: float = 0.0
     learned: Learned | None = None
     held: Mapping[str, float] = field(default_factory=dict)
 
@@ -111,6 +114,7 @@ class _Ready:
     disturbed: Disturbed
     data: Prepared
     notes: Sequence[str]
+    early_ms: float
 
 
 _Sets = tuple[Found, Sequence[Variant]]
@@ -119,14 +123,24 @@ _Sets = tuple[Found, Sequence[Variant]]
 class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
     """Output less the model's, in deg/h; a bias of each run and the model's own parameters are nuisance."""
 
+    def find(self, runs: Sequence[GapRun], model: Model, held_out: Sequence[GapRun] = ()) -> RateFinding:
+        finding = super().find(runs, model, held_out)
+        learned = finding.learned
+        if learned is not None:
+            learned = replace(learned, nominal=with_offset(learned.nominal, finding.early_ms))
+        model = replace(finding.model, terms=with_offset(finding.model.terms, finding.early_ms))
+        return replace(finding, model=model, learned=learned)
+
     def prepare(self, runs: Sequence[GapRun], model: Model) -> _Ready:
         check_runs(runs)
-        steady, notes = as_turned(by_length(runs))
+        runs = by_length(runs)
+        early_ms = offset_ms(aligned(runs)[0], model)
+        steady, notes = as_turned(runs, early_ms)
         notes += [f"{run.run_id}: {remark}" for run in runs for remark in run.remarks]
-        model = _with_unknown_rate(model, runs)
+        model = read_with(_with_unknown_rate(model, runs), early_ms)
         disturbed = without_disturbances(steady, model)
         variants = candidate_variants(model, disturbed.runs)
-        return _Ready(model, variants, disturbed, prepare(disturbed.runs, model, variants), notes)
+        return _Ready(model, variants, disturbed, prepare(disturbed.runs, model, variants), notes, early_ms)
 
     def which(self, data: _Ready) -> _Sets:
         named_hz = lines_hz((*data.model.disturbances, *data.disturbed.terms))
@@ -213,6 +227,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
                 *([shaken_part(ready.noise.noise, _finest_arcsec(runs))] if shaken > 0.5 else ()),
             ),
             latitude_deg=runs[0].stimulus.latitude_deg,
+            early_ms=data.early_ms,
         )
         if unknown > 0.5:
             # fitted beside a curve that is not in the closed model, a cause may widen the gap by itself
@@ -235,7 +250,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
     def judged(
         self, finding: RateFinding, data: _Ready, sets: _Sets, held_out: Sequence[GapRun]
     ) -> RateFinding:
-        held_out, _ = as_turned(held_out)
+        held_out, _ = as_turned(held_out, data.early_ms)
         parts = self._holding(finding, data, sets, held_out)
         held = {cause.name: part for cause, part in zip(finding.causes, parts, strict=True)}
         finding = replace(_doubted(finding, parts, "in held-out runs"), held=held)

@@ -29,6 +29,8 @@ _MASKED, _STEADY = 3, 0.003
 """Steps of a masked move; part of a rate by which it may change from step to step and be steady."""
 _HALF = 0.6
 """Part of a step up to which a row counts as half of it: rows of jittered stamps are not quite of one length."""
+_FINER = 8
+"""Rows a step that are kept of a log."""
 _TICKS = 1.05
 """Time of a row against the median one from which rows beat with the ticks of a clock."""
 _BEATS, _OFTEN_MISSING, _PASSES, _GAIN, _NEAREST = 64, 0.03, 3, 0.1, 0.6
@@ -149,6 +151,16 @@ class Steps:
         far = (further[0][:-1] + further[1][1:]) / self.usual_s
         rate[1:-1] = np.where(both, (7.0 * (before[:-1] + after[1:]) - far) / 12.0, rate[1:-1])
         return angle, rate
+
+
+def finer_rows(steps: Steps, angle_deg: Array) -> tuple[Array, Array] | None:
+    """Return times (k,) and angles of a log's rows (m,), at most eight a step; None if steps are rows."""
+    if steps.usual_s > _HALF * steps.period_s:
+        return None
+    if len(angle_deg) <= _FINER * steps.count:
+        return steps.time_s, angle_deg
+    times_s = np.asarray(np.arange(_FINER * steps.count + 1) * (steps.period_s / _FINER))
+    return times_s, np.interp(times_s, steps.time_s, angle_deg)
 
 
 def true_times(time_s: Array, rate_dps: Array, angle_deg: Array) -> tuple[Array, bool]:
