@@ -11,7 +11,7 @@ from simulators.effects._thermal import LAGS, RELAXATIONS_S, SPAN_K, bent, late,
 
 _AT_DPS = 100.0
 _NEARLY = 0.8
-"""Growth of the slope in 50 K, as a power of e, up to which a scale factor counts as proportional to temperature."""
+"""Power of e by which its slope grows in 50 K, up to which a scale factor counts as straight over temperature."""
 
 
 def _both_ways(s: Stimulus, _: Shape) -> Array:

@@ -1,0 +1,143 @@
+"""Clocks of gyro and table that are apart, on a table that swings: what is known of it is no gap."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.analysis.gap._align import aligned, offset_ms, read_at
+from bench.analysis.gap._data import GapRun, check_runs
+from bench.analysis.gap._diagnose import diagnose
+from bench.analysis.gap._import import read_mapped_runs
+from bench.analysis.gap._model_file import Model, parse_model
+from drivers.base.arrays import Array
+from drivers.base.errors import ConfigurationError
+from tests.analysis.gap.conftest import made_run, stimulus
+
+OFFSET_S = 0.02
+NOISE_DPH = 0.03 * 60.0 / np.sqrt(0.25)
+"""0.03 deg/sqrt(h) in rows of 0.25 s."""
+MAPPING = """
+format = 1
+unit_id = "G"
+latitude_deg = 48.0
+[columns]
+time = { name = "t", unit = "s" }
+output = { name = "rate", unit = "deg/h" }
+angle = { name = "angle", unit = "deg" }
+[[run]]
+file = "*.csv"
+profile = "swings"
+elevation_deg = 90.0
+"""
+SHEET = """
+format = 1
+name = "G"
+[noise]
+arw_deg_per_sqrt_h = 0.03
+bias_instability_dph = 0.02
+[[effect]]
+name = "scale_factor"
+parameters = { sf_ppm = 0.0 }
+sigma = { sf_ppm = 150.0 }
+"""
+
+
+def swing_deg(t_s: Array) -> Array:
+    """60 deg/s at 0.1 Hz, then 20 deg/s at 0.05 Hz, in and out over 30 s each."""
+
+    def part(hz: float, dps: float, start_s: float) -> Array:
+        grow = [
+            0.5 - 0.5 * np.cos(np.pi * np.clip(each / 30.0, 0.0, 1.0))
+            for each in (t_s - start_s, start_s + 500.0 - t_s)
+        ]
+        return (
+            dps / (2.0 * np.pi * hz) * (1.0 - np.cos(2.0 * np.pi * hz * (t_s - start_s))) * grow[0] * grow[1]
+        )
+
+    return np.asarray(part(0.1, 60.0, 60.0) + part(0.05, 20.0, 620.0))
+
+
+@pytest.fixture
+def logs(tmp_path: Path) -> list[GapRun]:
+    """Three logs at 4 Hz; the table's stamps are 20 ms late, the gyro is perfect. Two swings begin alike."""
+    t_s = 0.25 * np.arange(4801)
+    for number, start_s in enumerate((0.0, 0.0, 3.7)):
+        noise = NOISE_DPH * np.random.default_rng(number).normal(size=4800)
+        rate = 3600.0 * np.diff(swing_deg(t_s - start_s)) / 0.25 + 15.041 * np.sin(np.radians(48.0)) + noise
+        rows = np.column_stack((t_s[1:], rate, swing_deg(t_s[1:] - OFFSET_S - start_s)))
+        np.savetxt(tmp_path / f"s{number}.csv", rows, "%.5f", ",", header="t,rate,angle", comments="")
+    (tmp_path / "map.toml").write_text(MAPPING)
+    return read_mapped_runs(tmp_path / "map.toml")
+
+
+def model(offset: Sequence[float] | None) -> Model:
+    if offset is None:
+        return parse_model(SHEET, "sheet")
+    told = f"parameters = {{ offset_ms = {offset[0]} }}\nsigma = {{ offset_ms = {offset[1]} }}"
+    return parse_model(f"{SHEET}\n[[effect]]\nname = 'time_offset'\n{told}\n", "sheet")
+
+
+@pytest.mark.parametrize("told", [(0.0, 50.0), (20.0, 1.0)])
+def test_an_offset_that_the_model_has_is_no_gap(logs: list[GapRun], told: tuple[float, float]) -> None:
+    found = diagnose(logs[:2], model(told), logs[2:]).rate
+    assert found.verdict == "no gap" and not found.causes
+    (fitted,) = (term.values[0] for term in found.model.terms if term.name == "time_offset")
+    assert fitted == pytest.approx(20.0, abs=0.1)
+
+
+def test_one_that_it_lacks_is_the_cause(logs: list[GapRun]) -> None:
+    found = diagnose(logs[:2], model(None), logs[2:]).rate
+    assert [cause.name for cause in found.causes] == ["time_offset"]
+
+
+def test_the_offset_is_that_of_the_logs_and_of_what_is_said(logs: list[GapRun]) -> None:
+    # noise of 3.6 deg/h a row against 60 deg/s at 0.1 Hz: 0.04 ms from 1,000 s
+    assert offset_ms(logs, model((0.0, 50.0))) == pytest.approx(20.0, abs=0.1)
+    assert offset_ms(logs, model((20.0, 1e-6))) == pytest.approx(20.0, abs=1e-4)
+    assert offset_ms(logs, model(None)) == 0.0
+    assert offset_ms([read_at([run], 20.0)[0] for run in logs], model((0.0, 50.0))) == 0.0
+
+
+def test_runs_read_at_an_offset_turn_as_the_table_did(logs: list[GapRun]) -> None:
+    s = logs[0].stimulus
+    (read,) = (run.stimulus for run in read_at(logs[:1], 1000.0 * OFFSET_S))
+    edges_s, fine_s = np.arange(len(s) + 1.0) + 0.25, np.arange(0.0, len(s) + 1.0, 1e-3)
+    assert read.angle_deg - s.angle_deg[0] == pytest.approx(
+        swing_deg(edges_s) - swing_deg(edges_s)[:1], abs=2e-4
+    )
+    assert read.edge_rate_dps is not None
+    exact_dps = np.interp(edges_s, fine_s, np.gradient(swing_deg(fine_s), fine_s))
+    assert read.edge_rate_dps[5:-5] == pytest.approx(exact_dps[5:-5], abs=0.01)
+    assert read_at(logs, 0.0) == logs
+
+
+def test_repeats_that_begin_at_the_same_row_are_no_copies(logs: list[GapRun]) -> None:
+    check_runs(logs)
+    copy = replace(logs[0], run_id="again", output_dph=logs[0].output_dph + 0.1)
+    with pytest.raises(ConfigurationError, match="hold the same samples"):
+        check_runs([logs[0], copy])
+
+
+def _steps(name: str, late: int, masked: int, seed: int) -> GapRun:
+    """A run of steps of rate whose gyro is some samples late, what is beside a step missing."""
+    rate = np.where(np.arange(600) % 100 < 50, 4.0, -4.0)
+    s = replace(stimulus(600, cold=False), angle_deg=np.concatenate(([0.0], np.cumsum(rate))))
+    run = made_run(name, s, np.random.default_rng(seed))
+    near = np.abs(np.arange(600)[:, None] - np.flatnonzero(np.diff(rate))).min(axis=1)
+    return replace(run, output_dph=np.where(near <= masked, np.nan, np.roll(run.output_dph, late)))
+
+
+def test_a_run_that_shows_no_offset_has_that_of_all_others() -> None:
+    open_runs = [_steps("a", 2, -1, 1), _steps("b", 2, -1, 2)]
+    hidden = _steps("c", 2, 7, 3)
+    (*_, found), notes = aligned([*open_runs, hidden])
+    assert found.stimulus.angle_deg[2:].tolist() == hidden.stimulus.angle_deg[:-2].tolist()
+    assert len(notes) == 3 and "as in the other runs" in notes[2]
+    # others that disagree, or that show that there is none, say nothing of it
+    for other in (_steps("b", 3, -1, 2), _steps("b", 0, -1, 2)):
+        assert aligned([open_runs[0], other, hidden])[0][2] is hidden
