@@ -35,6 +35,8 @@ from simulators.effects import CHANNEL_UNITS, Channel, ChannelEffect, NoiseEffec
 _EXPLAINED = 0.75
 """Part of a gap's energy from which it counts as explained."""
 _LATE_FRACTION = 1e-4
+_THERMOMETERS, _DIGIT = ("chamber_air", "case_temperature", "gyro_temperature"), 0.5
+"""Channels of which nothing below this part of the last digit is a gap: no thermometer is that good."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +106,12 @@ class _Ready:
     nominal: ChannelFit
     places: Sequence[Place]
     rms: float
+    digit: float = 0.0
+
+    @property
+    def least(self) -> float:
+        """What an effect must be larger than to be named."""
+        return max(self.accuracy, self.digit)
 
 
 _Sets = tuple[list[ChannelFit], ChannelFit]
@@ -141,13 +149,15 @@ class ChannelSignal(Signal[ChannelSeries, _Ready, _Sets, ChannelFinding]):
         nominal = fit_effects(cells, effects, terms, frozenset(), weight, start.values)
         places = channel_places(cells, nominal.left)
         rms = gap_rms(cells, nominal.left, places)
-        return _Ready(cells, floor, effects, terms, accuracy, weight, nominal, places, rms)
+        resolution = max(series.resolution for series in runs) if self.channel in _THERMOMETERS else 0.0
+        digit = 0.0 if math.isnan(resolution) else _DIGIT * resolution
+        return _Ready(cells, floor, effects, terms, accuracy, weight, nominal, places, rms, digit)
 
     def which(self, data: _Ready) -> _Sets:
         """Return the fits of all sets, and the best; of the empty set alone where there is no gap."""
-        if data.rms <= data.accuracy or not any(place.clear for place in data.places):
+        if data.rms <= data.least or not any(place.clear for place in data.places):
             return [data.nominal], data.nominal
-        return search_effects(data.cells, data.effects, data.terms, data.weight, data.nominal, data.accuracy)
+        return search_effects(data.cells, data.effects, data.terms, data.weight, data.nominal, data.least)
 
     def finding(self, data: _Ready, sets: _Sets) -> ChannelFinding:
         (fits, best), cells = sets, data.cells
@@ -206,7 +216,7 @@ def _term(effect: ChannelEffect, best: ChannelFit, before: ChannelTerm | None) -
 
 
 def _verdict(data: _Ready, causes: Sequence[Cause[ChannelTerm]], explained: float) -> str:
-    if not any(place.clear for place in data.places):
+    if not any(place.clear for place in data.places) or data.accuracy < data.rms <= data.digit:
         return "no gap"
     if data.rms <= data.accuracy:
         return "within the model's accuracy"

@@ -19,18 +19,18 @@ NOBODY_KNOWS = "gyro?"
 QUANTITIES = {TIME: "time", GYRO: "rate", ACCELEROMETER: "specific force", TEMPERATURE: "temperature"}
 _INERTIAL = ("rate", "specific force")
 _NAMES = {
-    TIME: r"^(t|ts|stamp|sec(onds)?|utc\w*|date\w*|t_?\(?m?u?n?s\)?)$|timestamp|"
+    TIME: r"^(t|ts|stamp|[mun]?s|sec(onds)?|utc\w*|date\w*|t_?\(?m?u?n?s\)?)$|timestamp|(^|[ _])zeit|^tiempo|"
     r"^time|^elapsed|(^|[ _])i?tow$|(^|[ _.a-z])time([ _]?[mun]?s)?$",
     TEMPERATURE: r"temp(?!l|or)|^t_?(in|out|gyro|imu|c)$|thermo",
     ACCELEROMETER: r"acc(?!ur)|^[af]_?[xyz](?![a-z])|specific|^(delta|d)[_ ]?v(el\w*)?(?![a-z])",
     GYRO: r"gyr|omega|ang\w*[_ .]?(vel|rate)|^[wg]_?[xyz](?![a-z])|^[pqr]$|"
-    r"(^|[_ .]|yaw|roll|pitch)rate(_?[xyz]|$)|^(delta|d)[_ ]?(ang\w*|theta)",
+    r"(^|[_ .]|yaw|roll|pitch)rate(_?[xyz]|_?(lsb|raw|counts)|$)|drehrate|^(delta|d)[_ ]?(ang\w*|theta)",
 }
 """In this order: a temperature of a gyro is a temperature."""
 _OTHERWISE = re.compile(
     r"bias|status|valid|^est_|estimate|flag|std|cov|samples|_?count(er)?$|mag(n|_|$)|demand|command|set_?point|target|"
     r"(table|sampl\w*|frame|data|baud|heart|turntable)[_ ]?(rate|ang)|norm(?!al)|abs|magnitude|total|resultant|"
-    r"(^|[_ ])dt$|integral|interval|clip|relative|packet|_id$"
+    r"(^|[_ ])dt$|^az[_ ]?(deg|rad)|azim|integral|interval|clip|relative|packet|_id$"
 )
 """Columns that are none of these in spite of their names or units."""
 _NAMELESS = re.compile(r"[a-z]?|.*\d")
@@ -50,8 +50,8 @@ _IN_NAME = {
     "rad/s": r"rad_?(per_?|/)?s(ec)?|rads", "deg/s": r"dps|deg_?(per_?|/)?s(ec)?",
     "deg/h": r"dph|deg_?(per_?|/)?h", "m/s^2": r"m_?(per_?|/)?s\^?2|mps2|ms2", "mg": "_mg", "g": "_gs?",
     "degC": "deg_?c|_c", "K": "_k",
-    "ns": "_ns|nano(s\\w*)?", "us": "_us|timeus|micro(s\\w*)?", "ms": "_ms|timems|milli(s\\w*)?",
-    "s": "_s|_sec(onds)?",
+    "ns": "_ns|^ns|nano(s\\w*)?", "us": "_us|^us|timeus|micro(s\\w*)?", "ms": "_ms|^ms|timems|milli(s\\w*)?",
+    "s": "_s|^s|_sec(onds)?",
 }  # fmt: skip
 _AXIS = re.compile(r"(?:^|[^a-z])[a-z]?([xyz])(?![a-z])|([xyz])$|(?:gyro?|acc|rate|omega)_?([xyz])")
 _AXIS_WORDS = {"roll": "x", "pitch": "y", "yaw": "z", "p": "x", "q": "y", "r": "z"}
@@ -169,6 +169,12 @@ def assign(
 def _kinds(columns: Mapping[str, Array], units: Mapping[str, str], log_name: str) -> dict[str, str]:
     """Return what each column is by its name, else by its unit, else, of x, y, z, by the log's name."""
     kinds = {name: _kind_of(name) or _kind_by_unit(name, units.get(name, "")) for name in columns}
+    azimuths = {
+        name
+        for name, kind in kinds.items()
+        if kind == ACCELEROMETER and scale_of("angle", units.get(name, "") or "none")
+    }
+    kinds |= dict.fromkeys(azimuths, "")
     letters = {re.split(r"[./]", name.lower())[-1] for name in columns}
     if not letters >= {*"pqr"}:  # one alone is anything
         kinds |= {name: "" for name in columns if re.split(r"[./]", name.lower())[-1] in ("p", "q", "r")}

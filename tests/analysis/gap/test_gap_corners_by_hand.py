@@ -87,7 +87,9 @@ def test_a_channel_is_told_with_its_scatter_and_unknown_where_nothing_explains_i
     clear, vague = SimpleNamespace(clear=True), SimpleNamespace(clear=False)
 
     def verdict(*places, rms=2.0, accuracy=1.0, causes=("x",), explained=0.99):
-        return _verdict(SimpleNamespace(places=places, rms=rms, accuracy=accuracy), causes, explained)
+        return _verdict(
+            SimpleNamespace(places=places, rms=rms, accuracy=accuracy, digit=0.0), causes, explained
+        )
 
     assert verdict(vague) == verdict() == "no gap"
     assert verdict(vague, clear, rms=1.0) == "within the model's accuracy"

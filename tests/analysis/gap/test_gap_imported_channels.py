@@ -361,3 +361,36 @@ def test_an_effect_of_ones_own_for_a_channel_in_one_short_file_is_fitted_and_nam
     assert [cause["name"] for cause in found["causes"]] == [name]
     assert tuple(found["causes"][0]["parameters"].values()) == pytest.approx(values, rel=0.05)
     assert found["held_out"]["share"] > 0.95
+
+
+CHAMBER = """format = 1
+[noise]
+arw_deg_per_sqrt_h = 0.01
+[[effect]]
+name = "chamber_response"
+parameters = { lag_s = 60.0 }
+sigma = { lag_s = 3.0 }
+"""
+
+
+@pytest.mark.parametrize(("off_k", "named"), [(0.045, []), (0.15, ["chamber_offset"])])
+def test_nothing_below_half_of_a_thermometers_last_digit_is_a_gap(
+    tmp_path: Path, off_k: float, named: list[str]
+) -> None:
+    """Air at three set points, in steps of 0.1 K and with noise of half of one: means tell 0.01 K."""
+    tables = {}
+    for day in range(6):
+        t = np.arange(0.0, 27000.0, 5.0)
+        demand = np.where(t < 9000.0, 25.0, np.where(t < 18000.0, 40.0, 10.0))
+        since = t - np.floor(t / 9000.0) * 9000.0
+        before = np.where(t < 9000.0, 25.0, np.where(t < 18000.0, 25.0, 40.0))
+        air = demand + (before - demand) * np.exp(-since / 60.0) + off_k
+        air += np.random.default_rng(day).normal(0.0, 0.05, len(t))
+        tables[f"day{day}"] = {"t": t, "air": np.round(air, 1), "set": demand}
+    (tmp_path / "nominal.toml").write_text(CHAMBER)
+    series = [
+        one for made in mapped_logs(mapped(tmp_path, tables)) for one in channels_of(LogSource(made))[0]
+    ]
+    found = diagnose(series, read_model(tmp_path / "nominal.toml")).findings
+    (air,) = (each for each in found if each.signal == "chamber_air")
+    assert [cause.name for cause in air.causes] == named

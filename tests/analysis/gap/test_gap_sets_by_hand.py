@@ -362,13 +362,14 @@ def place_of(p_value, **changed):
     [
         (0.5, 1.0, "c", 1.0, "no gap"),
         (1e-6, 0.1, "c", 1.0, "within the model's accuracy"),
+        (1e-6, 0.22, "c", 1.0, "no gap"),
         (1e-6, 1.0, "", 0.0, "unknown"),
         (1e-6, 1.0, "c", 0.9, "explained"),
         (1e-6, 1.0, "c", 0.5, "explained in part"),
     ],
 )
 def test_the_verdict_on_a_channel(p_value, rms, causes, explained, verdict):
-    data = SimpleNamespace(places=[place_of(0.9), place_of(p_value)], rms=rms, accuracy=0.2)
+    data = SimpleNamespace(places=[place_of(0.9), place_of(p_value)], rms=rms, accuracy=0.2, digit=0.25)
     assert _verdict(data, causes, explained) == verdict
 
 

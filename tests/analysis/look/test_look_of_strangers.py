@@ -226,6 +226,26 @@ def test_rates_as_large_as_gravity_are_those_of_gyros_where_the_log_is_called_so
                 look(path)
 
 
+@pytest.mark.parametrize(
+    ("header", "gyro", "time"),
+    [
+        ("DateTime [s],Rate [deg/h],Az [deg],El [deg]", "Rate [deg/h]", "DateTime [s]"),
+        ("ms,rate_lsb,az_deg,el_deg", "rate_lsb", "ms"),
+        ("Zeit_s,Drehrate_gps,Winkel,Elevation", "Drehrate_gps", "Zeit_s"),
+    ],
+)
+def test_a_gyro_beside_the_azimuth_of_its_table(tmp_path: Path, header: str, gyro: str, time: str) -> None:
+    """Names of an optical gyro's laboratory: an azimuth is no accelerometer, a time's name is its unit."""
+    step = 10 if time == "ms" else 0.01
+    rows = (f"{k * step:g},{GYROS[k][0]:.7f},{0.01 * k:.4f},90\n" for k in range(ROWS))
+    (tmp_path / "log.csv").write_text(header + "\n" + "".join(rows))
+    found = look(tmp_path / "log.csv")
+    assert [axis.channel.name for axis in found.axes] == [gyro.partition(" [")[0]]
+    assert found.clock.rate_hz == pytest.approx(RATE)
+    assert found.columns.time is not None and found.columns.time.name == time.partition(" [")[0]
+    assert not any("Az" in text or "az_deg" in text for text in found.questions)
+
+
 def test_columns_that_say_something_else_are_not_taken_for_gyros(tmp_path):
     """A phone's positions: their accuracies have the norm of gravity in mg, by chance."""
     rng = np.random.default_rng(8)
