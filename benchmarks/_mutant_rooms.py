@@ -226,7 +226,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
             "tests/analysis/gap/test_gap_periods_by_hand test_gap_limits_by_hand",
             "tests/analysis/gap/test_gap_tables_by_hand test_gap_pieces_by_hand",
             "tests/analysis/gap/test_gap_closing_by_hand test_gap_spectra_by_hand test_gap_record_effects",
-            "tests/analysis/gap/test_gap_diagnosis",
+            "tests/analysis/gap/test_gap_diagnosis test_gap_clock_offset",
         ),
         _part(
             "bench/analysis/gap/_exam _examination _score _exam_folder _case_folder _signature",

@@ -32,6 +32,21 @@ class Prepared:
     floor: Floor
 
 
+def with_unknown_rate(model: Model, runs: Sequence[GapRun]) -> Model:
+    """Return the model with an input rate that nobody knows as correlated noise (Gauss-Markov, first order)."""
+    worst = max(runs, key=lambda run: run.unknown_dph)
+    if not worst.unknown_dph:
+        return model
+    # steps that last as long have a triangle for their correlation, of as large an area as an exponential of half
+    noise = replace(
+        model.noise,
+        correlated_dph=worst.unknown_dph,
+        correlation_time_s=0.5 * worst.unknown_time_s,
+        correlation_order=1,
+    )
+    return replace(model, noise=noise)
+
+
 def prepare(runs: Sequence[GapRun], model: Model, variants: Sequence[Variant]) -> Prepared:
     """Transform the runs, judge their noise, whiten and cut them into cells on the floor of the repeats."""
     check_runs(runs)

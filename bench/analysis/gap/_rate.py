@@ -29,7 +29,7 @@ from bench.analysis.gap._jumps import find_jumps
 from bench.analysis.gap._learn import Learned, learned
 from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._noise import Noise
-from bench.analysis.gap._prepare import Prepared, prepare
+from bench.analysis.gap._prepare import Prepared, prepare, with_unknown_rate
 from bench.analysis.gap._reading import as_turned
 from bench.analysis.gap._remarks import of_codes, of_floor, of_noise, of_same, of_time
 from bench.analysis.gap._signal import Signal
@@ -137,7 +137,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         early_ms = offset_ms(aligned(runs)[0], model)
         steady, notes = as_turned(runs, early_ms)
         notes += [f"{run.run_id}: {remark}" for run in runs for remark in run.remarks]
-        model = read_with(_with_unknown_rate(model, runs), early_ms)
+        model = read_with(with_unknown_rate(model, runs), early_ms)
         disturbed = without_disturbances(steady, model)
         variants = candidate_variants(model, disturbed.runs)
         return _Ready(model, variants, disturbed, prepare(disturbed.runs, model, variants), notes, early_ms)
@@ -289,21 +289,6 @@ def _left_by_codes(groups: Sequence[Group], left: Sequence[Place]) -> bool:
     return bool(clear) and all(
         place.rms < codes_dph(by_profile[place.profile], BANDS.index(place.band)) for place in clear
     )
-
-
-def _with_unknown_rate(model: Model, runs: Sequence[GapRun]) -> Model:
-    """Return the model with an input rate that nobody knows as correlated noise (Gauss-Markov, first order)."""
-    worst = max(runs, key=lambda run: run.unknown_dph)
-    if not worst.unknown_dph:
-        return model
-    # steps that last as long have a triangle for their correlation, of as large an area as an exponential of half
-    noise = replace(
-        model.noise,
-        correlated_dph=worst.unknown_dph,
-        correlation_time_s=0.5 * worst.unknown_time_s,
-        correlation_order=1,
-    )
-    return replace(model, noise=noise)
 
 
 def _beside(corrected: Model, found: Found, model: Model, causes: Sequence[Cause[Term]]) -> Model:

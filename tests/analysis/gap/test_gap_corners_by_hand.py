@@ -540,7 +540,7 @@ def test_no_effect_of_a_channel_is_searched_where_nothing_is_clear_or_all_is_tol
 
     def ready(rms, *places):
         parts = {"cells": "c", "effects": "e", "terms": "t", "weight": "w"}
-        return SimpleNamespace(rms=rms, accuracy=1.0, places=places, nominal="own", **parts)
+        return SimpleNamespace(rms=rms, accuracy=1.0, least=1.0, places=places, nominal="own", **parts)
 
     signal = ChannelSignal("table_rate")
     assert (

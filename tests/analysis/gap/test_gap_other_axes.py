@@ -13,7 +13,7 @@ import pytest
 from bench.analysis.gap import diagnose, diagnose_batch, parse_model, read_batch, read_recordings
 from bench.analysis.gap._import import read_mapped_runs
 from bench.analysis.gap._other_axes import _rests
-from bench.analysis.gap._rate import _with_unknown_rate
+from bench.analysis.gap._prepare import with_unknown_rate
 from drivers.base.constants import EARTH_RATE_DPH
 from drivers.base.errors import ConfigurationError
 
@@ -90,9 +90,9 @@ def test_moves_are_left_out_and_each_rest_has_its_attitude(tmp_path):
     north = EARTH_RATE_DPH * math.cos(math.radians(LATITUDE_DEG))
     assert run.unknown_dph == pytest.approx(1.4 * north * level, rel=0.01)
     assert run.unknown_time_s == pytest.approx(REST_S, abs=3.0)
-    noise = _with_unknown_rate(MODEL, [run]).noise
+    noise = with_unknown_rate(MODEL, [run]).noise
     assert (noise.correlated_dph, noise.correlation_time_s) == (run.unknown_dph, 0.5 * run.unknown_time_s)
-    assert _with_unknown_rate(MODEL, [replace(run, unknown_dph=0.0)]) is MODEL
+    assert with_unknown_rate(MODEL, [replace(run, unknown_dph=0.0)]) is MODEL
     assert any(f"moved {len(UP) - 1} times" in remark for remark in run.remarks)
 
 

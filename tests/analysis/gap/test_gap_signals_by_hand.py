@@ -66,7 +66,7 @@ def test_a_channel_is_searched_where_its_gap_is_clear_and_beyond_what_its_model_
     clear, noise = Place("", "p", "b", 1.0, 1.0, 9.0, 1e-9), Place("", "p", "b", 0.0, 0.0, 1.0, 0.5)
     for rms, places, searched in ((2.0, [noise, clear], True), (1.0, [clear], False), (2.0, [noise], False)):
         fields = dict.fromkeys(("cells", "floor", "effects", "terms", "weight"))
-        data = SimpleNamespace(**fields, rms=rms, accuracy=1.0, places=places, nominal="nominal")
+        data = SimpleNamespace(**fields, rms=rms, accuracy=1.0, least=1.0, places=places, nominal="nominal")
         found = _channels.ChannelSignal("table_rate").which(data)
         assert found == ("searched" if searched else (["nominal"], "nominal"))
 
