@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.record.exchange._mapping import Column, Mapping
-from bench.record.exchange._recorders import existing_file, on_rows, shifted
+from bench.record.exchange._recorders import Times, existing_file, on_rows, shifted
 from bench.record.exchange._row_times import check_time, in_order, mean_step_s
 from bench.record.exchange._table import TIME_OF_FILE, has_own_times, read_table
 from bench.record.exchange._units import (
@@ -72,7 +72,8 @@ def read_log(file: Path, mapping: Mapping) -> Log:
         if recorder.time is not None:
             wanted["time"] = recorder.time
         other, other_dated = _read(other_file, wanted, recorder.rate_hz)
-        time_s = shifted(recorder, other_file, other.time_s, other_dated, log.time_s, dated)
+        times = Times(other_file, other.time_s, other_dated), Times(file, log.time_s, dated)
+        time_s = shifted(name, mapping, *times)
         other_rows |= other.columns
         columns |= {n: on_rows(n, log.time_s, time_s, values) for n, values in other.columns.items()}
         remarks += [f"{name}: {remark}" for remark in other.remarks]
@@ -115,6 +116,8 @@ def _read(file: Path, wanted: dict[str, Column], rate_hz: float | None) -> tuple
         time_s = np.arange(len(next(iter(values.values()), ()))) / (rate_hz or 1.0)
     else:
         dated = wanted["time"].name == table.time  # date-times are s already
+        if not dated and not wanted["time"].unit:
+            raise unit_error(TIME, "", f"{file.name}: time ({wanted['time'].name})")
         time_s = values.pop("time") * (1.0 if dated else scales["time"].factor)
     time_s, values, remarks = in_order(time_s, values, dated=dated)
     check_time(time_s, file)
@@ -128,7 +131,8 @@ def _scale(name: str, column: Column, file: Path) -> Scale:
     if name == "valid":
         return Scale(1.0)
     quantity = _QUANTITIES[name.rpartition("_")[0] if name[-2:] in ("_x", "_y", "_z") else name]
-    scale = scale_of(quantity, column.unit or (BASE_UNITS[OPENING] if quantity == OPENING else ""))
+    # a door's opening is a part; whether a time is a date-time is not known before it is read
+    scale = scale_of(quantity, column.unit or (BASE_UNITS[quantity] if quantity in (OPENING, TIME) else ""))
     if scale is None:
         raise unit_error(quantity, column.unit, f"{file.name}: {name} ({column.name})")
     return scale

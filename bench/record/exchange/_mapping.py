@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Literal
@@ -82,7 +83,7 @@ class LogEntry(_Part):
     `angle_deg`: of the table, where no column says it. `elevation_deg` of the input axis: 0 level, 90 up.
     `air_temp_c`: of the air about the unit, where no column says it. `power_on_s`: how long the unit had been on
     at the first row, where it is known. `profile` is the same for recordings through the same temperatures,
-    `condition` what differs between them.
+    `condition` what differs between them. `starts_s`: of its recorders, see `Recorder`.
     """
 
     file: str = "*"
@@ -95,6 +96,7 @@ class LogEntry(_Part):
     azimuth_error_deg: float = Field(default=0.0, ge=-360.0, le=360.0)
     power_on_s: float | None = Field(default=None, ge=0.0, le=1e10)
     started_utc: str = ""
+    starts_s: dict[str, float] = Field(default_factory=dict)
     phases: tuple[PhaseEntry, ...] = ()
 
     def table_angle_deg(self, time_s: Array) -> Array | None:
@@ -121,15 +123,16 @@ class Recorder(_Part):
     """What another recorder wrote while a log was: the chamber's, the table's.
 
     `file`: from the log's folder; "*" in it stands for what it stands for in the `file` of [[run]]. `time`: its
-    column of times, or `rate_hz` of its rows. `starts_s`: how long after the log's first row its first one was
-    written, where their clocks have nothing in common; `shift_s` is added to its times.
+    column of times, or `rate_hz` of its rows. Date-times are compared as they are. Of other clocks somebody has
+    to say what they have in common: `shift_s` is added to its times, 0 where both have one zero; `starts_s`, here
+    or in [[run]] by the recorder's name, is how long after the log's first row its first one was written.
     """
 
     file: str = Field(min_length=1)
     time: Column | None = None
     rate_hz: float | None = Field(default=None, gt=0.0, le=1e6)
     starts_s: float | None = Field(default=None, ge=-3.2e7, le=3.2e7)
-    shift_s: float = Field(default=0.0, ge=-1e10, le=1e10)
+    shift_s: float | None = Field(default=None, ge=-1e10, le=1e10)
 
 
 class Mapping(_Part):
@@ -157,6 +160,8 @@ class Mapping(_Part):
             raise ValueError(
                 f"recorder {sorted(unknown)}: a column names it and [recorder] does not, or neither"
             )
+        if unknown := {name for entry in self.run for name in entry.starts_s} - set(self.recorder):
+            raise ValueError(f"starts_s of {sorted(unknown)}: no such recorder")
         if wrong := [name for name in ("time", "output") if name in columns and columns[name].recorder]:
             raise ValueError(f"{wrong[0]} is one of the log itself, of no other recorder")
         return self
@@ -196,21 +201,27 @@ class Mapping(_Part):
         """Return where a recorder's file is: from the log's folder, or beside the log if only that is there."""
         pattern = self.recorder[name].file
         before, star, behind = "", "", ""
-        for entry in self.run:
-            if fnmatch(log.name, Path(entry.file).name):
-                before, star, behind = Path(entry.file).name.partition("*")
-                break
+        if entry := self.entry_of(log):
+            before, star, behind = Path(entry.file).name.partition("*")
         fits = star and log.name.startswith(before) and log.name.endswith(behind)
         stem = log.name[len(before) : len(log.name) - len(behind)] if fits else log.stem
-        file = log.parent / pattern.replace("*", stem)
-        beside = log.parent / file.name
-        return beside if beside.is_file() and not file.is_file() else file
+        # of "shock*_gyro.csv" the star is 1, and what a reader has in mind is shock1, as of "shock1_gyro.csv"
+        words = (stem, before + stem, log.stem, re.sub(r"[ _.-][^ _.-]*$", "", log.stem))
+        files = [log.parent / pattern.replace("*", word) for word in words]
+        files += [log.parent / file.name for file in files]
+        return next((file for file in files if file.is_file()), files[0])
+
+    def entry_of(self, log: Path) -> LogEntry | None:
+        """Return the first entry that a log's name fits, if there is one."""
+        for entry in self.run:
+            if log.name == Path(entry.file).name or fnmatch(log.name, Path(entry.file).name):
+                return entry
+        return None
 
     def entry_for(self, log: Path, where: Path) -> LogEntry:
         """Return the entry of a log, by its name; ConfigurationError when none fits."""
-        for entry in self.run:
-            if log.name == Path(entry.file).name or fnmatch(log.name, entry.file):
-                return entry
+        if entry := self.entry_of(log):
+            return entry
         raise ConfigurationError(
             "the mapping file has no entry for this log",
             where=str(where),

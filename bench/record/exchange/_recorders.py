@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from bench.record.exchange._mapping import Mapping, Recorder
+from bench.record.exchange._mapping import Mapping
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
@@ -26,31 +27,41 @@ def existing_file(name: str, mapping: Mapping, log: Path) -> Path:
             "a recorder's log is not there",
             where=f"recorder.{name} beside {log.name}",
             found=str(file),
-            expected='a file; "*" stands for what it stands for in the file of [[run]], or for the log\'s name',
+            expected='a file; "*" is what it is in the file of [[run]], or how the log\'s name begins',
         )
     return file
 
 
-def shifted(
-    recorder: Recorder, file: Path, time_s: Array, dated: bool, log_time_s: Array, log_dated: bool
-) -> Array:
-    """Return a recorder's times (m,) on the clock of the log; ConfigurationError where they do not meet."""
-    if recorder.starts_s is not None:
-        time_s = time_s - time_s[0] + log_time_s[0] + recorder.starts_s
-    elif dated != log_dated:
+class Times(NamedTuple):
+    """Times of a file's rows, (n,), s, since 1970 where they are date-times."""
+
+    file: Path
+    time_s: Array
+    dated: bool
+
+
+def shifted(name: str, mapping: Mapping, own: Times, log: Times) -> Array:
+    """Return a recorder's times (m,) on the clock of a log; ConfigurationError where nothing says how."""
+    recorder, entry = mapping.recorder[name], mapping.entry_of(log.file)
+    starts_s = recorder.starts_s if entry is None else entry.starts_s.get(name, recorder.starts_s)
+    time_s = own.time_s
+    if starts_s is not None:
+        time_s = time_s - time_s[0] + log.time_s[0] + starts_s
+    elif own.dated != log.dated or (not own.dated and recorder.shift_s is None):
         raise ConfigurationError(
-            "the recorder's clock and the log's cannot be compared",
-            where=str(file),
-            found=("date-times, the log has seconds" if dated else "seconds, the log has date-times"),
-            expected="times of one kind",
-            remedy="say starts_s of the recorder: how long after the log's first row its own was written",
+            "what the clocks of a recorder and of the log have in common is not known",
+            where=f"{own.file} beside {log.file.name}",
+            found=" and ".join("date-times" if each.dated else "numbers" for each in (own, log)),
+            expected="date-times of both, or numbers of which the mapping says how to compare them",
+            remedy=f"say in [recorder.{name}] shift_s = 0 if both numbers have one zero, or starts_s: how long "
+            f"after the log's first row its own was written (in [[run]]: starts_s = {{ {name} = 0.0 }})",
         )
-    time_s = time_s + recorder.shift_s
-    if time_s[-1] < log_time_s[0] or time_s[0] > log_time_s[-1]:
+    time_s = time_s + (recorder.shift_s or 0.0)
+    if time_s[-1] < log.time_s[0] or time_s[0] > log.time_s[-1]:
         raise ConfigurationError(
             "the recorder wrote nothing while the log was written",
-            where=str(file),
-            found=f"{time_s[0]:.9g} to {time_s[-1]:.9g} s, the log {log_time_s[0]:.9g} to {log_time_s[-1]:.9g} s",
+            where=str(own.file),
+            found=f"{time_s[0]:.9g} to {time_s[-1]:.9g} s, the log {log.time_s[0]:.9g} to {log.time_s[-1]:.9g} s",
             expected="times that overlap",
             remedy="see the unit of its time, or say its starts_s or shift_s",
         )
