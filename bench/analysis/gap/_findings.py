@@ -146,6 +146,12 @@ class Finding(Generic[TermT]):
         """Names of the effects that a closed model has and the nominal one has not."""
         return tuple(term.name for cause in self.causes for term in cause.terms if term is not None)
 
+    @property
+    def none_held_out(self) -> str:
+        """What is to say where the held-out runs show no gap."""
+        judged = ": they neither confirm nor refute what is named" if self.causes else ""
+        return f"no gap above the floor on the held-out runs{judged}"
+
 
 def rivals_of(name: str, names: frozenset[str], weights: Mapping[frozenset[str], float]) -> dict[str, float]:
     """Return what could stand in an effect's place in a set, the others kept, with probability among those.

@@ -90,7 +90,7 @@ def gap_page(
         warnings(found.warnings),
         Section("Where", where_blocks(found)),
         Section("Which", [*_causes(found), *_unknown(found)]),
-        Section("How far", [*_how_far(shrunk), *_difference_panels(found, differences)]),
+        Section("How far", [*_how_far(shrunk, found.none_held_out), *_difference_panels(found, differences)]),
         Section("What is left", _left(found)),
         Section("Faster than 1 s", fast_blocks(diagnosis.fast)),
         Section("Other channels", channel_blocks(diagnosis.channels)),
@@ -221,13 +221,13 @@ def _input(name: str) -> str:
     return {"T_in": "T_in, °C", "T_in - T_out": "T_in − T_out, K"}.get(name, f"{name}, K/min")
 
 
-def _how_far(shrunk: Shrinkage | None) -> list[Block]:
+def _how_far(shrunk: Shrinkage | None, none: str) -> list[Block]:
     if shrunk is None:
         return [
             Notes(["No run was held out: the curves below are of the fitted runs and prove less."], "doubt")
         ]
     if not shrunk.cells:
-        return [Notes(["No gap above the floor on the held-out runs."])]
+        return [Notes([f"{none[0].upper()}{none[1:]}."])]
     parts = [("profile", shrunk.by_profile), ("runs", shrunk.by_runs), ("phase", shrunk.by_phase)]
     rows = [Row([Cell("all"), Cell("", strong=True), Cell(fixed(100 * shrunk.share, 1), strong=True)], True)]
     rows += [

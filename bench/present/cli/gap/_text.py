@@ -48,7 +48,7 @@ def print_rate(console: Terminal, diagnosis: Diagnosis, following: Sequence[Sugg
     _print_map(console, "where", found.places)
     if any(place.clear for place in found.left):
         _print_map(console, "left", found.left)
-    console.say(_closing(shrunk))
+    console.say(_closing(shrunk, found.none_held_out))
     if shrunk is not None and shrunk.caution and found.causes:
         console.say(f"  {shrunk.caution}", style="bold red")
     _print_warnings(console, found.warnings)
@@ -127,11 +127,11 @@ def _print_map(console: Terminal, title: str, places: Sequence[Place]) -> None:
     console.table(("profile", "runs", "time scale", "rms deg/h", "share %", "energy / floor"), rows, title)
 
 
-def _closing(shrunk: Shrinkage | None) -> str:
+def _closing(shrunk: Shrinkage | None, none: str) -> str:
     if shrunk is None:
         return "no held-out runs: how far the gap shrinks is not known"
     if not shrunk.cells:
-        return "no gap above the floor on the held-out runs"
+        return none
     return (
         f"on held-out runs {100 * shrunk.share:.1f} % of the reducible gap is gone "
         f"({100 * shrunk.low:.1f} to {100 * shrunk.high:.1f} %): "
