@@ -100,7 +100,15 @@ def test_the_offset_is_that_of_the_logs_and_of_what_is_said(logs: list[GapRun]) 
     assert offset_ms(logs, model((0.0, 50.0))) == pytest.approx(20.0, abs=0.1)
     assert offset_ms(logs, model((20.0, 1e-6))) == pytest.approx(20.0, abs=1e-4)
     assert offset_ms(logs, model(None)) == 0.0
-    assert offset_ms([read_at([run], 20.0)[0] for run in logs], model((0.0, 50.0))) == 0.0
+    # what the model says is one more reading: as sure as the logs, it draws the offset to the middle
+    assert 12.0 < offset_ms(logs, model((10.0, 5e-3))) < 18.0
+    # two ms are as good as of first order
+    assert offset_ms(read_at(logs, 18.0), model((0.0, 50.0))) == 0.0
+
+
+def test_a_clock_two_seconds_and_a_part_apart_is_both(logs: list[GapRun]) -> None:
+    late = [replace(run, output_dph=np.roll(run.output_dph, 2)) for run in logs]
+    assert offset_ms(aligned(late)[0], model((0.0, 50.0))) == pytest.approx(20.0, abs=0.2)
 
 
 def test_runs_read_at_an_offset_turn_as_the_table_did(logs: list[GapRun]) -> None:
@@ -123,21 +131,23 @@ def test_repeats_that_begin_at_the_same_row_are_no_copies(logs: list[GapRun]) ->
         check_runs([logs[0], copy])
 
 
-def _steps(name: str, late: int, masked: int, seed: int) -> GapRun:
+def _steps(name: str, late: int, masked: int, seed: int, period_s: float = 1.0) -> GapRun:
     """A run of steps of rate whose gyro is some samples late, what is beside a step missing."""
     rate = np.where(np.arange(600) % 100 < 50, 4.0, -4.0)
-    s = replace(stimulus(600, cold=False), angle_deg=np.concatenate(([0.0], np.cumsum(rate))))
+    s = replace(stimulus(600, cold=False), angle_deg=np.concatenate(([0.0], np.cumsum(period_s * rate))))
+    s = replace(s, period_s=period_s, time_s=period_s * s.time_s)
     run = made_run(name, s, np.random.default_rng(seed))
     near = np.abs(np.arange(600)[:, None] - np.flatnonzero(np.diff(rate))).min(axis=1)
     return replace(run, output_dph=np.where(near <= masked, np.nan, np.roll(run.output_dph, late)))
 
 
 def test_a_run_that_shows_no_offset_has_that_of_all_others() -> None:
-    open_runs = [_steps("a", 2, -1, 1), _steps("b", 2, -1, 2)]
-    hidden = _steps("c", 2, 7, 3)
-    (*_, found), notes = aligned([*open_runs, hidden])
+    open_runs = [_steps("a", 2, -1, 1), _steps("b", 1, -1, 2, period_s=2.0)]
+    hidden, slow = _steps("c", 2, 7, 3), _steps("d", 1, 7, 3, period_s=2.0)
+    (*_, found, slowly), notes = aligned([*open_runs, hidden, slow])
+    assert slowly.stimulus.angle_deg[1:].tolist() == slow.stimulus.angle_deg[:-1].tolist()
     assert found.stimulus.angle_deg[2:].tolist() == hidden.stimulus.angle_deg[:-2].tolist()
-    assert len(notes) == 3 and "as in the other runs" in notes[2]
+    assert len(notes) == 4 and "as in the other runs" in notes[2]
     # others that disagree, or that show that there is none, say nothing of it
     for other in (_steps("b", 3, -1, 2), _steps("b", 0, -1, 2)):
         assert aligned([open_runs[0], other, hidden])[0][2] is hidden

@@ -10,6 +10,7 @@ from bench.analysis.gap._import import read_mapped_runs
 from bench.analysis.gap._mapped import mapped_logs
 from bench.control.run_record import decode_run
 from bench.record.exchange import import_log, read_log, read_mapping
+from bench.record.exchange._recorders import on_rows
 from bench.record.recording import verify
 from drivers.base.errors import ConfigurationError
 
@@ -131,6 +132,10 @@ def test_where_a_recorder_says_nothing_the_value_is_missing(folder: Path) -> Non
     assert missing.sum() == pytest.approx(10.1 * 50.0, abs=3) and since[missing].min() == pytest.approx(
         99.9, abs=0.05
     )
+    # before a recorder's first row nothing is commanded, and beyond its last one nothing is measured
+    late, early = (log_of(folder, ("shift_s = 0.0", f"shift_s = {by}")).columns for by in (60.0, -60.0))
+    assert np.isnan(late["set_point"][T_S < 59.9]).all() and not np.isnan(late["set_point"][T_S > 60.1]).any()
+    assert np.isnan(early["t_in"][T_S > 348.0]).all() and not np.isnan(early["t_in"][T_S < 347.0]).any()
     short = log_of(folder, ("starts_s = -20.0", "starts_s = 20.0"))
     assert np.isnan(short.columns["angle"][T_S - T_S[0] < 19.0]).all()
 
@@ -143,6 +148,7 @@ def test_where_a_recorder_says_nothing_the_value_is_missing(folder: Path) -> Non
         (('recorder = "table" }', 'recorder = "oven" }'), "oven"),
         ((', recorder = "table" }', " }"), "table"),
         (('"deg/s" }', '"deg/s", recorder = "table" }'), "output is one of the log itself"),
+        (("shift_s = 0.0", "shift_s = -1e6"), "wrote nothing while the log was written"),
         (("shift_s = 0.0", "shift_s = 1e6"), "wrote nothing while the log was written"),
         (('"time", unit = "min"', '"when", unit = "min"'), "a_chamber.csv"),
     ],
@@ -159,8 +165,9 @@ def test_clocks_of_which_nobody_says_what_they_have_in_common(folder: Path, date
     if dated:
         rows["time"] = pd.Timestamp("2026-03-01 10:00:00") + pd.to_timedelta(rows["time"], unit="min")
         rows.to_csv(folder / "a_chamber.csv", index=False)
-    with pytest.raises(ConfigurationError, match="starts_s"):
-        log_of(folder, ("shift_s = 0.0", ""))
+    for change in (("shift_s = 0.0", ""), *([("", "")] if dated else [])):
+        with pytest.raises(ConfigurationError, match="starts_s"):
+            log_of(folder, change)
     for told in (
         ("shift_s = 0.0", f"starts_s = {-T_S[0]}"),
         ('"*_gyro.csv"', f'"*_gyro.csv"\nstarts_s.chamber = {-T_S[0]}'),
@@ -178,6 +185,23 @@ def test_what_a_run_says_of_its_recorders_goes_before_what_the_mapping_says(fold
 def test_the_star_is_how_the_logs_name_begins(folder: Path, file: str) -> None:
     told = log_of(folder, ('"*_gyro.csv"', f'"{file}"'))
     assert told.columns["t_in"] == pytest.approx(temperature_c(T_S), abs=1e-3)
+
+
+def test_the_star_of_a_name_without_separators(folder: Path) -> None:
+    for name, new in (
+        ("a_gyro.csv", "a1gyro.csv"),
+        ("a_chamber.csv", "a1_chamber.csv"),
+        ("../table/a.txt", "../table/a1.txt"),
+    ):
+        (folder / name).rename(folder / new)
+    (folder / "map.toml").write_text(MAPPING.replace("*_gyro.csv", "a*gyro.csv"))
+    assert [made.run_id for made in mapped_logs(folder / "map.toml")] == ["a1gyro"]
+
+
+def test_a_row_beside_a_gap_is_known() -> None:
+    times_s, values = np.array([0.0, 1.0, 2.0, 10.0, 11.0]), np.array([0.0, 1.0, 2.0, 10.0, 11.0])
+    found = on_rows("angle", np.arange(12.0), times_s, values)
+    assert found[[0, 1, 2, 10, 11]].tolist() == [0.0, 1.0, 2.0, 10.0, 11.0] and np.isnan(found[3:10]).all()
 
 
 def test_a_time_without_a_unit_must_be_a_date_time(folder: Path) -> None:
@@ -245,3 +269,15 @@ def test_counters_that_begin_anew(tmp_path: Path) -> None:
     assert found.time_s - found.time_s[0] == pytest.approx(t_s - t_s[0])
     dps = np.where(t_s < 1080.0, 700.0, -900.0) * 2.0 * 20.0 / 3600.0
     assert found.columns["output"][1:] == pytest.approx(dps[1:])
+
+
+def test_a_clock_of_a_second_goes_on_however_far_apart_its_rows_are(tmp_path: Path) -> None:
+    t_s = 0.6 * np.arange(50)
+    pd.DataFrame({"ms": np.mod(1000.0 * t_s, 1000.0).round(), "r": np.cos(t_s)}).to_csv(
+        tmp_path / "a.csv", index=False
+    )
+    (tmp_path / "map.toml").write_text(
+        'format = 1\nunit_id = "G"\nlatitude_deg = 48.0\n[columns]\n'
+        'time = { name = "ms", unit = "ms", wraps = 1000 }\noutput = { name = "r", unit = "deg/s" }\n'
+    )
+    assert read_log(tmp_path / "a.csv", read_mapping(tmp_path / "map.toml")).time_s == pytest.approx(t_s)
