@@ -166,7 +166,7 @@ def test_clocks_of_which_nobody_says_what_they_have_in_common(folder: Path, date
         rows["time"] = pd.Timestamp("2026-03-01 10:00:00") + pd.to_timedelta(rows["time"], unit="min")
         rows.to_csv(folder / "a_chamber.csv", index=False)
     for change in (("shift_s = 0.0", ""), *([("", "")] if dated else [])):
-        with pytest.raises(ConfigurationError, match="starts_s"):
+        with pytest.raises(ConfigurationError, match="have in common is not known"):
             log_of(folder, change)
     for told in (
         ("shift_s = 0.0", f"starts_s = {-T_S[0]}"),
