@@ -64,6 +64,8 @@ def _edge_values(means: Array) -> Array:
 
 
 def _time_offset(s: Stimulus, shape: Shape) -> Array:
+    if s.over_offset_dph is not None:
+        return s.over_offset_dph
     return np.asarray(1e-3 / s.period_s * _change(s, shape))
 
 

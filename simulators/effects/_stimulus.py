@@ -35,7 +35,8 @@ class Stimulus:
     table's rate at the samples' edges where telemetry is finer than the samples. `force_g` (3, n): specific force
     in units of standard gravity as the unit's accelerometers measure it, along the sensitive axis and then along
     the two after it in the order x, y, z, x; `cross_rate_dph` (2, n): rates about these two as its gyros measure
-    them. Both None where nothing measured them.
+    them. Both None where nothing measured them. `over_offset_dph` (n,): what each ms of an offset between the
+    clocks of gyro and table does to the rate, over the offset that a bench has, where it is known.
     """
 
     time_s: Array
@@ -48,6 +49,7 @@ class Stimulus:
     edge_rate_dps: Array | None = None
     force_g: Array | None = None
     cross_rate_dph: Array | None = None
+    over_offset_dph: Array | None = None
 
     def __len__(self) -> int:
         return len(self.time_s)

@@ -1,21 +1,22 @@
 """Time alignment before any fit: whole samples by which the gyro's clock is off the table's, and parts of one.
 
-A part of a sample is the catalogue's effect `time_offset`, of first order in the offset: where the table swings,
-what is of second order is no gap. A model with that effect says that the clocks of its bench are apart; its runs
-are then read at the offset that they show.
+A part of a sample is the catalogue's effect `time_offset`, which is in proportion to the offset. Where the table
+swings, what is of second order is more than noise: then the effect's column is what the offset that the runs show
+does, over that offset.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from bench.analysis.gap._data import GapRun
-from bench.analysis.gap._model_file import Model, Term
+from bench.analysis.gap._model_file import Model
 from drivers.base.arrays import Array
 
 TIME_OFFSET = "time_offset"
@@ -24,9 +25,11 @@ _LEAST_CHANGE_DPS = 0.5
 _CLEAR = 0.5
 """A shift must leave at most this part of the energy that no shift leaves."""
 _PASSES, _NEAR_MS = 8, 1e-3
-"""Newton's steps to the offset, and how small the last one is."""
-_BETTER = 0.98
-"""Part of what the effect's column leaves that is left at the offset where the column is not enough."""
+"""Steps to the offset, and how small the last one is."""
+_BETTER, _LITTLE = 0.98, 0.01
+"""Part of what first order leaves that is left over the offset where it is not enough; part of it that what is of
+second order has at least before anybody looks.
+"""
 
 
 def aligned(runs: Sequence[GapRun]) -> tuple[list[GapRun], list[str]]:
@@ -55,74 +58,85 @@ def aligned(runs: Sequence[GapRun]) -> tuple[list[GapRun], list[str]]:
 
 
 def offset_ms(runs: Sequence[GapRun], model: Model) -> float:
-    """Return by how much a model's gyro is early against its table, ms, as the runs show it.
+    """Return by how much the gyro is early against the table, ms, as runs show it; 0 where first order will do.
 
-    0 for a model that says nothing of it, and where the effect's own column does as well. Other effects that act
-    where the rate changes can make it wrong by some ms: the column takes the rest.
+    Other effects that act where the rate changes can make it wrong by some ms, which is of second order then.
     """
     known = [term for term in model.terms if term.name == TIME_OFFSET]
-    if not known:
-        return 0.0
     said_ms = sum(term.values[0] for term in known)
-    told = 1.0 / sum(term.sigmas[0] ** 2 for term in known)
-    alone, found = _fitted(runs, 0.0), said_ms
+    told = 1.0 / sum(term.sigmas[0] ** 2 for term in known) if known else 0.0
+    swings = [_Swing.of(run) for run in runs]
+    alone = _fitted(swings, [swing.at_once for swing in swings])
+    if not _bends(swings, alone.offset_ms) > _LITTLE * alone.left:
+        return 0.0
+    fit, found = alone, said_ms
     for _ in range(_PASSES):
-        fit = _fitted(runs, found)
         # what the model says is one more reading of the offset
-        change = (fit.weight * fit.step_ms + told * (said_ms - found)) / (fit.weight + told)
-        found += change
-        if abs(change) < _NEAR_MS:
+        before, found = found, (fit.weight * fit.offset_ms + told * said_ms) / (fit.weight + told)
+        fit = _fitted(swings, [swing.over(found) for swing in swings])
+        if abs(found - before) < _NEAR_MS:
             break
     return found if fit.left < _BETTER * alone.left else 0.0
 
 
-def read_at(runs: Sequence[GapRun], early_ms: float) -> list[GapRun]:
-    """Return the runs with the table's angle as it was when the gyro's samples were taken, `early_ms` later."""
-    return [_moved(run, early_ms) for run in runs] if early_ms else list(runs)
-
-
-def read_with(model: Model, early_ms: float) -> Model:
-    """Return the model of runs that are read at an offset, what is left of which it has; 0 for as they are."""
+def over_offset(runs: Sequence[GapRun], early_ms: float) -> list[GapRun]:
+    """Return the runs with what an offset does over one of so many ms and not at once; 0: as they are."""
     if not early_ms:
-        return model
-    return replace(
-        model,
-        terms=tuple(
-            replace(term, values=(0.0,)) if term.name == TIME_OFFSET else term for term in model.terms
-        ),
-    )
+        return list(runs)
+    return [
+        replace(run, stimulus=replace(run.stimulus, over_offset_dph=_Swing.of(run).over(early_ms)))
+        for run in runs
+    ]
 
 
-def with_offset(terms: Sequence[Term], early_ms: float) -> tuple[Term, ...]:
-    """Return terms of which the first time offset has that more, at which the runs were read."""
-    first = next((term for term in terms if term.name == TIME_OFFSET), None)
-    return tuple(
-        replace(term, values=(term.values[0] + early_ms,)) if term is first else term for term in terms
-    )
+@dataclass(frozen=True, eq=False)
+class _Swing:
+    """A run's output less its input rate, deg/h (n,), and its table's angle between the rows of its log.
 
+    `at_once` (n,): what the first ms of an offset does, deg/h.
+    """
 
-def _change(run: GapRun) -> Array:
-    """Return how much the input rate grows in each sample by its period, deg/h a ms: what an offset adds."""
-    s = run.stimulus
-    at_s = s.time_s - s.time_s[0]
-    return np.asarray(1e-3 * np.gradient(s.input_rate_dph, at_s))
+    run: GapRun
+    error_dph: Array
+    at_once: Array
+
+    @classmethod
+    def of(cls, run: GapRun) -> _Swing:
+        s = run.stimulus
+        growth = np.gradient(s.input_rate_dph, s.period_s) if len(s) > 1 else np.zeros(len(s))
+        return cls(run, run.output_dph - s.input_rate_dph, np.asarray(1e-3 * growth))
+
+    @cached_property
+    def between(self) -> CubicSpline:
+        """The table's angle, deg, over time from the run's start, s."""
+        s = self.run.stimulus
+        edges_s = s.period_s * np.arange(len(s) + 1.0)
+        return CubicSpline(*(self.run.table_rows or (edges_s, s.angle_deg)))
+
+    def over(self, early_ms: float) -> Array:
+        """Return what each ms of an offset does on the way to that one, deg/h (n,)."""
+        s, first_s, last_s = self.run.stimulus, self.between.x[0], self.between.x[-1]
+        edges_s = s.period_s * np.arange(len(s) + 1.0)
+        times_s = (np.clip(edges_s + late_s, first_s, last_s) for late_s in (1e-3 * early_ms, 0.0))
+        later_deg, now_deg = map(self.between, times_s)
+        along = 3600.0 / s.period_s * np.sin(np.radians(s.elevation_deg))
+        return np.asarray(along * np.diff(later_deg - now_deg) / early_ms)
 
 
 class _Fit(NamedTuple):
-    """The change of an offset that runs ask for, ms, its weight, 1/ms^2, and the energy that it leaves."""
+    """An offset fitted to runs, ms, its weight, 1/ms^2, and the energy that it leaves."""
 
-    step_ms: float
+    offset_ms: float
     weight: float
     left: float
 
 
-def _fitted(runs: Sequence[GapRun], early_ms: float) -> _Fit:
-    """Fit the effect's column to runs read at an offset, in second differences: slow effects hardly move them."""
+def _fitted(swings: Sequence[_Swing], columns: Sequence[Array]) -> _Fit:
+    """Fit what an offset does to what runs show, in second differences: slow effects hardly move them."""
     crossed = squared = energy = 0.0
     count = 0
-    for run in read_at(runs, early_ms):
-        error = np.diff(run.output_dph - run.stimulus.input_rate_dph, 2)
-        change = np.diff(_change(run), 2)
+    for swing, column in zip(swings, columns, strict=True):
+        error, change = np.diff(swing.error_dph, 2), np.diff(column, 2)
         known = ~np.isnan(error)
         crossed += float(error[known] @ change[known])
         squared += float(change[known] @ change[known])
@@ -134,20 +148,16 @@ def _fitted(runs: Sequence[GapRun], early_ms: float) -> _Fit:
     return _Fit(crossed / squared, squared * count / left, left)
 
 
-def _moved(run: GapRun, early_ms: float) -> GapRun:
-    """Return a run with its table's angle some time later, between its log's rows where these are at hand."""
-    s = run.stimulus
-    edges_s = s.period_s * np.arange(len(s) + 1.0)
-    times_s, rows_deg = run.table_rows or (edges_s, s.angle_deg)
-    between = CubicSpline(times_s, rows_deg)
-    turning = between.derivative()
-    now_s = np.clip(edges_s, times_s[0], times_s[-1])
-    later_s = np.clip(edges_s + 1e-3 * early_ms, times_s[0], times_s[-1])
-    rate = s.edge_rate_dps
-    if rate is not None:
-        rate = rate + turning(later_s) - turning(now_s)
-    angle = s.angle_deg + between(later_s) - between(now_s)
-    return replace(run, stimulus=replace(s, angle_deg=angle, edge_rate_dps=rate))
+def _bends(swings: Sequence[_Swing], early_ms: float) -> float:
+    """Return the energy of what is of second order in an offset, in second differences, roughly."""
+    bends = (
+        np.diff(0.5e-3 * early_ms**2 * np.gradient(swing.at_once, swing.run.stimulus.period_s), 2)
+        for swing in swings
+    )
+    return sum(
+        float(np.square(bend[~np.isnan(np.diff(swing.error_dph, 2))]).sum())
+        for swing, bend in zip(swings, bends, strict=True)
+    )
 
 
 def _shift(run: GapRun) -> int | None:

@@ -36,8 +36,10 @@ BANDS = (
     "5..10 s",
     "under 5 s",
 )
-_NEGLIGIBLE = 1e-5
-"""Part of a column's energy in one cell below which it counts as none."""
+_NEGLIGIBLE, _UNSEEN = 1e-5, 1.0
+"""Part of a column's energy in one cell below which it counts as none, and the energy, in variances of one
+coefficient's noise, that a column as large as the data may have there at most.
+"""
 
 
 @dataclass(frozen=True)
@@ -252,7 +254,8 @@ def group_cells(group: Group, stack: Stack, noise: Noise) -> list[Cell]:
     parts = band_slices(n, period_s)
     flat = [part for part in parts if part.stop > part.start]
     sizes = np.array([stack.energies(part) / power[part].mean() for part in flat])
-    least = _NEGLIGIBLE * sizes.sum(axis=0)
+    total = sizes.sum(axis=0)
+    least = min(_NEGLIGIBLE, _UNSEEN / max(float(total[0]), 1.0)) * total
     cells = []
     for index, part in enumerate(flat):
         # most columns are smooth and have nothing in the fast bands, which hold most coefficients

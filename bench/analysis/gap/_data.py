@@ -250,6 +250,7 @@ def cut(run: GapRun, count: int) -> GapRun:
         None if s.edge_rate_dps is None else s.edge_rate_dps[: count + 1],
         None if s.force_g is None else s.force_g[:, :count],
         None if s.cross_rate_dph is None else s.cross_rate_dph[:, :count],
+        None if s.over_offset_dph is None else s.over_offset_dph[:count],
     )
     noise = run.rounding_noise
     return replace(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bench.analysis.gap._aliases import in_rows
-from bench.analysis.gap._align import aligned, offset_ms, read_with, with_offset
+from bench.analysis.gap._align import aligned, offset_ms
 from bench.analysis.gap._candidates import candidate_variants
 from bench.analysis.gap._causes import (
     causes_of,
@@ -60,8 +60,7 @@ class RateFinding(Finding[Term]):
     these runs cannot show to the reason. `noise` is the floor; `stochastic` has the noise effects and
     disturbances named with their probability, `disturbed` holds the latter. `learned` is what closes a gap
     without a name, None where there is none. `held` has by cause the part of what it adds that held-out runs
-    show, NaN where it adds less than five standard deviations to them. `early_ms`: the part of the model's time
-    offset at which the runs were read. The verdict is one of "no gap",
+    show, NaN where it adds less than five standard deviations to them. The verdict is one of "no gap",
     "explained", "explained in part", "unknown", "nothing to identify".
     """
 
@@ -78,7 +77,6 @@ class RateFinding(Finding[Term]):
     unidentifiable: Mapping[str, str]
     unknown_parts: tuple[UnknownPart, ...]
     latitude_deg: float
-    early_ms: float = 0.0
     learned: Learned | None = None
     held: Mapping[str, float] = field(default_factory=dict)
 
@@ -123,21 +121,13 @@ _Sets = tuple[Found, Sequence[Variant]]
 class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
     """Output less the model's, in deg/h; a bias of each run and the model's own parameters are nuisance."""
 
-    def find(self, runs: Sequence[GapRun], model: Model, held_out: Sequence[GapRun] = ()) -> RateFinding:
-        finding = super().find(runs, model, held_out)
-        learned = finding.learned
-        if learned is not None:
-            learned = replace(learned, nominal=with_offset(learned.nominal, finding.early_ms))
-        model = replace(finding.model, terms=with_offset(finding.model.terms, finding.early_ms))
-        return replace(finding, model=model, learned=learned)
-
     def prepare(self, runs: Sequence[GapRun], model: Model) -> _Ready:
         check_runs(runs)
         runs = by_length(runs)
         early_ms = offset_ms(aligned(runs)[0], model)
         steady, notes = as_turned(runs, early_ms)
         notes += [f"{run.run_id}: {remark}" for run in runs for remark in run.remarks]
-        model = read_with(with_unknown_rate(model, runs), early_ms)
+        model = with_unknown_rate(model, runs)
         disturbed = without_disturbances(steady, model)
         variants = candidate_variants(model, disturbed.runs)
         return _Ready(model, variants, disturbed, prepare(disturbed.runs, model, variants), notes, early_ms)
@@ -227,7 +217,6 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
                 *([shaken_part(ready.noise.noise, _finest_arcsec(runs))] if shaken > 0.5 else ()),
             ),
             latitude_deg=runs[0].stimulus.latitude_deg,
-            early_ms=data.early_ms,
         )
         if unknown > 0.5:
             # fitted beside a curve that is not in the closed model, a cause may widen the gap by itself
