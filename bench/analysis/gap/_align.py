@@ -115,6 +115,8 @@ class _Swing:
 
     def over(self, early_ms: float) -> Array:
         """Return what each ms of an offset does on the way to that one, deg/h (n,)."""
+        if not early_ms:
+            return self.at_once
         s, first_s, last_s = self.run.stimulus, self.between.x[0], self.between.x[-1]
         edges_s = s.period_s * np.arange(len(s) + 1.0)
         times_s = (np.clip(edges_s + late_s, first_s, last_s) for late_s in (1e-3 * early_ms, 0.0))
