@@ -123,10 +123,10 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
 
     def prepare(self, runs: Sequence[GapRun], model: Model) -> _Ready:
         check_runs(runs)
-        runs = by_length(runs)
-        early_ms = offset_ms(aligned(runs)[0], model)
-        steady, notes = as_turned(runs, early_ms)
-        notes += [f"{run.run_id}: {remark}" for run in runs for remark in run.remarks]
+        shifted, notes = aligned(by_length(runs))
+        early_ms = offset_ms(shifted, model)
+        steady, read = as_turned(shifted, early_ms)
+        notes += read + [f"{run.run_id}: {remark}" for run in runs for remark in run.remarks]
         model = with_unknown_rate(model, runs)
         disturbed = without_disturbances(steady, model)
         variants = candidate_variants(model, disturbed.runs)
@@ -239,7 +239,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
     def judged(
         self, finding: RateFinding, data: _Ready, sets: _Sets, held_out: Sequence[GapRun]
     ) -> RateFinding:
-        held_out, _ = as_turned(held_out, data.early_ms)
+        held_out, _ = as_turned(aligned(held_out)[0], data.early_ms)
         parts = self._holding(finding, data, sets, held_out)
         held = {cause.name: part for cause, part in zip(finding.causes, parts, strict=True)}
         finding = replace(_doubted(finding, parts, "in held-out runs"), held=held)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from bench.analysis.gap._align import aligned, over_offset
+from bench.analysis.gap._align import over_offset
 from bench.analysis.gap._data import SIGMA_OF_SECOND_DIFFERENCES, GapRun
 from drivers.base.arrays import Array
 
@@ -57,15 +57,13 @@ class _Dwell:
 
 
 def as_turned(runs: Sequence[GapRun], early_ms: float = 0.0) -> tuple[list[GapRun], list[str]]:
-    """Return the runs with the table's angle as it turned, and what was set right.
+    """Return aligned runs with the table's angle as it turned, and what was set right.
 
-    Aligned, with what rounded stamps and codes do to it as large as it shows, and without its reading's scatter.
+    With what rounded stamps and codes do to it as large as it shows, and without its reading's scatter.
     `early_ms`: the offset over which that of a clock acts, see `over_offset`.
     """
-    shifted, notes = aligned(runs)
-    shown = [_as_shown(run) for run in _coded_alike(over_offset(shifted, early_ms))]
-    steady, read = without_reading_noise(shown)  # a gyro that is late would seem not to follow
-    return steady, notes + read
+    shown = [_as_shown(run) for run in _coded_alike(over_offset(runs, early_ms))]
+    return without_reading_noise(shown)  # a gyro that is late would seem not to follow
 
 
 def _coded_alike(runs: Sequence[GapRun]) -> list[GapRun]:
