@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from bench.analysis.gap._data import GapRun
+from bench.analysis.gap._data import SIGMA_OF_SECOND_DIFFERENCES, GapRun
 from bench.analysis.gap._model_file import Model
 from drivers.base.arrays import Array
 
@@ -26,10 +26,8 @@ _CLEAR = 0.5
 """A shift must leave at most this part of the energy that no shift leaves."""
 _PASSES, _NEAR_MS = 8, 1e-3
 """Steps to the offset, and how small the last one is."""
-_BETTER, _LITTLE = 0.98, 0.01
-"""Part of what first order leaves that is left over the offset where it is not enough; part of it that what is of
-second order has at least before anybody looks.
-"""
+_SHOWS = 9.0
+"""Energy of what is of second order, and of the offset, in variances of the noise, from which it counts."""
 
 
 def aligned(runs: Sequence[GapRun]) -> tuple[list[GapRun], list[str]]:
@@ -66,17 +64,18 @@ def offset_ms(runs: Sequence[GapRun], model: Model) -> float:
     said_ms = sum(term.values[0] for term in known)
     told = 1.0 / sum(term.sigmas[0] ** 2 for term in known) if known else 0.0
     swings = [_Swing.of(run) for run in runs]
-    alone = _fitted(swings, [swing.at_once for swing in swings])
-    if not _bends(swings, alone.offset_ms) > _LITTLE * alone.left:
+    fit, found = _fitted(swings, [swing.at_once for swing in swings]), said_ms
+    quietest = min((sigma for swing in swings if (sigma := swing.sigma_dph(0.0)) > 0.0), default=np.inf)
+    if sum(swing.bend(fit.offset_ms) for swing in swings) < _SHOWS * quietest**2:
         return 0.0
-    fit, found = alone, said_ms
     for _ in range(_PASSES):
         # what the model says is one more reading of the offset
         before, found = found, (fit.weight * fit.offset_ms + told * said_ms) / (fit.weight + told)
         fit = _fitted(swings, [swing.over(found) for swing in swings])
         if abs(found - before) < _NEAR_MS:
             break
-    return found if fit.left < _BETTER * alone.left else 0.0
+    shown = sum(swing.bend(found) / max(swing.sigma_dph(found), quietest) ** 2 for swing in swings)
+    return found if shown > _SHOWS and found**2 * fit.weight > _SHOWS else 0.0
 
 
 def over_offset(runs: Sequence[GapRun], early_ms: float) -> list[GapRun]:
@@ -124,6 +123,17 @@ class _Swing:
         along = 3600.0 / s.period_s * np.sin(np.radians(s.elevation_deg))
         return np.asarray(along * np.diff(later_deg - now_deg) / early_ms)
 
+    def bend(self, early_ms: float) -> float:
+        """Return the energy of what is of second order in an offset where the output is known, (deg/h)^2."""
+        bent = 0.5e-3 * early_ms**2 * np.gradient(self.at_once, self.run.stimulus.period_s)
+        return float(np.square(bent[~np.isnan(self.error_dph)]).sum())
+
+    def sigma_dph(self, early_ms: float) -> float:
+        """Return the noise from sample to sample beside what an offset does; 0 where none is seen."""
+        jumps = np.abs(np.diff(self.error_dph - early_ms * self.over(early_ms), 2))
+        known = jumps[~np.isnan(jumps)]
+        return SIGMA_OF_SECOND_DIFFERENCES * float(np.median(known)) if len(known) else 0.0
+
 
 class _Fit(NamedTuple):
     """An offset fitted to runs, ms, its weight, 1/ms^2, and the energy that it leaves."""
@@ -148,18 +158,6 @@ def _fitted(swings: Sequence[_Swing], columns: Sequence[Array]) -> _Fit:
         return _Fit(0.0, 0.0, energy)
     left = max(energy - crossed**2 / squared, 1e-300)
     return _Fit(crossed / squared, squared * count / left, left)
-
-
-def _bends(swings: Sequence[_Swing], early_ms: float) -> float:
-    """Return the energy of what is of second order in an offset, in second differences, roughly."""
-    bends = (
-        np.diff(0.5e-3 * early_ms**2 * np.gradient(swing.at_once, swing.run.stimulus.period_s), 2)
-        for swing in swings
-    )
-    return sum(
-        float(np.square(bend[~np.isnan(np.diff(swing.error_dph, 2))]).sum())
-        for swing, bend in zip(swings, bends, strict=True)
-    )
 
 
 def _shift(run: GapRun) -> int | None:
