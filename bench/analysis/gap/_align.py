@@ -20,7 +20,7 @@ from bench.analysis.gap._model_file import Model
 from drivers.base.arrays import Array
 from simulators.effects import Effect, catalogue
 
-TIME_OFFSET = "time_offset"
+_TIME_OFFSET = "time_offset"
 _MOST = 5
 _LEAST_CHANGE_DPS = 0.5
 _CLEAR = 0.5
@@ -28,7 +28,7 @@ _CLEAR = 0.5
 _PASSES, _NEAR_MS = 8, 1e-3
 """Steps to the offset, and how small the last one is."""
 _SHOWS = 9.0
-"""Energy of what is of second order, and of the offset, in variances of the noise, from which it counts."""
+"""Energy of what is of second order, of the offset, and of what it leaves, in variances of noise, that counts."""
 
 
 def aligned(runs: Sequence[GapRun]) -> tuple[list[GapRun], list[str]]:
@@ -61,10 +61,10 @@ def offset_ms(runs: Sequence[GapRun], model: Model) -> float:
 
     Other effects that act where the rate changes can make it wrong by some ms, which is of second order then.
     """
-    known = [term for term in model.terms if term.name == TIME_OFFSET]
+    known = [term for term in model.terms if term.name == _TIME_OFFSET]
     said_ms = sum(term.values[0] for term in known)
     told = 1.0 / sum(term.sigmas[0] ** 2 for term in known) if known else 0.0
-    swings = [_Swing.of(run) for run in runs]
+    swings = [_Swing(run) for run in runs]
     fit, found = _fitted(swings, [swing.at_once for swing in swings]), said_ms
     quietest = min((sigma for swing in swings if (sigma := swing.sigma_dph(0.0)) > 0.0), default=np.inf)
     if sum(swing.bend(fit.offset_ms) for swing in swings) < _SHOWS * quietest**2:
@@ -76,41 +76,47 @@ def offset_ms(runs: Sequence[GapRun], model: Model) -> float:
         if abs(found - before) < _NEAR_MS:
             break
     shown = sum(swing.bend(found) / max(swing.sigma_dph(found), quietest) ** 2 for swing in swings)
-    if not (shown > _SHOWS and found**2 * fit.weight > _SHOWS):
-        return 0.0
-    # between samples of a second nobody knows how a table goes round a corner: the effect's forms try it
-    effect = catalogue()[TIME_OFFSET]
-    variants = effect.variants() if isinstance(effect, Effect) else []
-    forms = [[form.columns(run.stimulus)[0] for run in runs] for form in variants]
-    return found if fit.left < min(_fitted(swings, columns).left for columns in forms) else 0.0
+    return found if shown > _SHOWS and found**2 * fit.weight > _SHOWS else 0.0
 
 
 def over_offset(runs: Sequence[GapRun], early_ms: float) -> list[GapRun]:
-    """Return the runs with what an offset does over one of so many ms and not at once; 0: as they are."""
+    """Return the runs with what an offset does over one of so many ms and not at once; 0: as they are.
+
+    As they are, too, where the effect's forms fit clearly better: between samples of a second nobody knows how a
+    table goes round a corner, and they try it.
+    """
     if not early_ms:
         return list(runs)
-    return [
-        replace(run, stimulus=replace(run.stimulus, over_offset_dph=_Swing.of(run).over(early_ms)))
-        for run in runs
-    ]
+    effect = catalogue()[_TIME_OFFSET]
+    assert isinstance(effect, Effect)
+    forms = effect.variants()
+    result = []
+    for run in runs:
+        swing = _Swing(run)
+        over = swing.over(early_ms)
+        least = min(swing.left(early_ms * form.columns(run.stimulus)[0]) for form in forms)
+        variance = least / max(len(swing.jumps(swing.error_dph)), 1)
+        worse = swing.left(early_ms * over) > least + _SHOWS * variance
+        result.append(run if worse else replace(run, stimulus=replace(run.stimulus, over_offset_dph=over)))
+    return result
 
 
 @dataclass(frozen=True, eq=False)
 class _Swing:
-    """A run's output less its input rate, deg/h (n,), and its table's angle between the rows of its log.
-
-    `at_once` (n,): what the first ms of an offset does, deg/h.
-    """
+    """What a run shows of an offset between the clocks of its gyro and its table."""
 
     run: GapRun
-    error_dph: Array
-    at_once: Array
 
-    @classmethod
-    def of(cls, run: GapRun) -> _Swing:
-        s = run.stimulus
-        growth = np.gradient(s.input_rate_dph, s.period_s) if len(s) > 1 else np.zeros(len(s))
-        return cls(run, run.output_dph - s.input_rate_dph, np.asarray(1e-3 * growth))
+    @cached_property
+    def error_dph(self) -> Array:
+        """The output less the input rate, deg/h (n,)."""
+        return np.asarray(self.run.output_dph - self.run.stimulus.input_rate_dph)
+
+    @cached_property
+    def at_once(self) -> Array:
+        """What the first ms of an offset does, deg/h (n,)."""
+        s = self.run.stimulus
+        return np.asarray(1e-3 * np.gradient(s.input_rate_dph, s.period_s))
 
     @cached_property
     def between(self) -> CubicSpline:
@@ -130,6 +136,20 @@ class _Swing:
         along = 3600.0 / s.period_s * np.sin(np.radians(s.elevation_deg))
         return np.asarray(along * np.diff(later_deg - now_deg) / early_ms)
 
+    def jumps(self, values_dph: Array) -> Array:
+        """Return second differences of values (n,) where the output is known, less what a scale factor does.
+
+        Slow effects hardly move them. Of a table that swings, the second order of an offset is in proportion to
+        the rate.
+        """
+        known = ~np.isnan(np.diff(self.error_dph, 2))
+        jumps, rate = (np.diff(each, 2)[known] for each in (values_dph, self.run.stimulus.input_rate_dph))
+        return np.asarray(jumps - rate * float(rate @ jumps) / max(float(rate @ rate), 1e-300))
+
+    def left(self, does_dph: Array) -> float:
+        """Return the energy that what an offset does leaves, in second differences."""
+        return float(np.square(self.jumps(self.error_dph - does_dph)).sum())
+
     def bend(self, early_ms: float) -> float:
         """Return the energy of what is of second order in an offset where the output is known, (deg/h)^2."""
         bent = 0.5e-3 * early_ms**2 * np.gradient(self.at_once, self.run.stimulus.period_s)
@@ -137,34 +157,30 @@ class _Swing:
 
     def sigma_dph(self, early_ms: float) -> float:
         """Return the noise from sample to sample beside what an offset does; 0 where none is seen."""
-        jumps = np.abs(np.diff(self.error_dph - early_ms * self.over(early_ms), 2))
-        known = jumps[~np.isnan(jumps)]
-        return SIGMA_OF_SECOND_DIFFERENCES * float(np.median(known)) if len(known) else 0.0
+        jumps = np.abs(self.jumps(self.error_dph - early_ms * self.over(early_ms)))
+        return SIGMA_OF_SECOND_DIFFERENCES * float(np.median(jumps)) if len(jumps) else 0.0
 
 
 class _Fit(NamedTuple):
-    """An offset fitted to runs, ms, its weight, 1/ms^2, and the energy that it leaves."""
+    """An offset fitted to runs, ms, and its weight, 1/ms^2."""
 
     offset_ms: float
     weight: float
-    left: float
 
 
 def _fitted(swings: Sequence[_Swing], columns: Sequence[Array]) -> _Fit:
-    """Fit what an offset does to what runs show, in second differences: slow effects hardly move them."""
+    """Fit what an offset does to what runs show."""
     crossed = squared = energy = 0.0
     count = 0
     for swing, column in zip(swings, columns, strict=True):
-        error, change = np.diff(swing.error_dph, 2), np.diff(column, 2)
-        known = ~np.isnan(error)
-        crossed += float(error[known] @ change[known])
-        squared += float(change[known] @ change[known])
-        energy += float(error[known] @ error[known])
-        count += int(known.sum())
+        error, change = swing.jumps(swing.error_dph), swing.jumps(column)
+        crossed += float(error @ change)
+        squared += float(change @ change)
+        energy += float(error @ error)
+        count += len(error)
     if not squared:
-        return _Fit(0.0, 0.0, energy)
-    left = max(energy - crossed**2 / squared, 1e-300)
-    return _Fit(crossed / squared, squared * count / left, left)
+        return _Fit(0.0, 0.0)
+    return _Fit(crossed / squared, squared * count / max(energy - crossed**2 / squared, 1e-300))
 
 
 def _shift(run: GapRun) -> int | None:

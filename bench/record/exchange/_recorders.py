@@ -53,8 +53,9 @@ def shifted(name: str, mapping: Mapping, own: Times, log: Times) -> Array:
             where=f"{own.file} beside {log.file.name}",
             found=" and ".join("date-times" if each.dated else "numbers" for each in (own, log)),
             expected="date-times of both, or numbers of which the mapping says how to compare them",
-            remedy=f"say in [recorder.{name}] shift_s = 0 if both numbers have one zero, or starts_s: how long "
-            f"after the log's first row its own was written (in [[run]]: starts_s = {{ {name} = 0.0 }})",
+            remedy=f"say in [recorder.{name}] starts_s, how long after the log's first row its own was written "
+            f"(in [[run]]: starts_s = {{ {name} = 0.0 }})"
+            + ("" if own.dated or log.dated else ", or shift_s = 0 if both numbers have one zero"),
         )
     time_s = time_s + (recorder.shift_s or 0.0)
     if time_s[-1] < log.time_s[0] or time_s[0] > log.time_s[-1]:

@@ -68,12 +68,13 @@ def logs(tmp_path: Path) -> list[GapRun]:
     return logs_of(tmp_path, OFFSET_S)
 
 
-def logs_of(tmp_path: Path, offset_s: float) -> list[GapRun]:
+def logs_of(tmp_path: Path, offset_s: float, sf_ppm: float = 0.0) -> list[GapRun]:
     """Three logs at 4 Hz; the table's stamps are late, the gyro is perfect. Two swings begin alike."""
     t_s = 0.25 * np.arange(4801)
     for number, start_s in enumerate((0.0, 0.0, 3.7)):
         noise = NOISE_DPH * np.random.default_rng(number).normal(size=4800)
-        rate = 3600.0 * np.diff(swing_deg(t_s - start_s)) / 0.25 + 15.041 * np.sin(np.radians(48.0)) + noise
+        turned = (1.0 + 1e-6 * sf_ppm) * swing_deg(t_s - start_s)
+        rate = 3600.0 * np.diff(turned) / 0.25 + 15.041 * np.sin(np.radians(48.0)) + noise
         rows = np.column_stack((t_s[1:], rate, swing_deg(t_s[1:] - offset_s - start_s)))
         np.savetxt(tmp_path / f"s{number}.csv", rows, "%.5f", ",", header="t,rate,angle", comments="")
     (tmp_path / "map.toml").write_text(MAPPING)
@@ -93,6 +94,15 @@ def test_an_offset_that_the_model_has_is_no_gap(logs: list[GapRun], told: tuple[
     assert found.verdict == "no gap" and not found.causes
     (fitted,) = (term.values[0] for term in found.model.terms if term.name == "time_offset")
     assert fitted == pytest.approx(20.0, abs=0.1)
+
+
+@pytest.mark.parametrize("sf_ppm", [-110.0, 110.0])
+def test_a_scale_factor_is_not_taken_for_the_second_order(tmp_path: Path, sf_ppm: float) -> None:
+    """Of a swing the second order is a part of the rate: 16 ms at 0.1 Hz are 51 ppm, at 0.05 Hz 13."""
+    logs = logs_of(tmp_path, -0.016, sf_ppm)
+    assert offset_ms(logs, model((0.0, 50.0))) == pytest.approx(-16.0, abs=0.1)
+    assert all(run.stimulus.over_offset_dph is not None for run in over_offset(logs, -16.0))
+    assert diagnose(logs[:2], model((0.0, 50.0)), logs[2:]).rate.verdict == "no gap"
 
 
 def test_one_that_it_lacks_is_the_cause(logs: list[GapRun]) -> None:
