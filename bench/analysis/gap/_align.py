@@ -28,7 +28,7 @@ _CLEAR = 0.5
 _PASSES, _NEAR_MS = 8, 1e-3
 """Steps to the offset, and how small the last one is."""
 _SHOWS = 9.0
-"""Energy of what is of second order, of the offset, and of what it leaves, in variances of noise, that counts."""
+"""Energy of what is of second order, and of what is left, in variances of the noise, from which it counts."""
 
 
 def aligned(runs: Sequence[GapRun]) -> tuple[list[GapRun], list[str]]:
@@ -66,8 +66,9 @@ def offset_ms(runs: Sequence[GapRun], model: Model) -> float:
     told = 1.0 / sum(term.sigmas[0] ** 2 for term in known) if known else 0.0
     swings = [_Swing(run) for run in runs]
     fit, found = _fitted(swings, [swing.at_once for swing in swings]), said_ms
-    quietest = min((sigma for swing in swings if (sigma := swing.sigma_dph(0.0)) > 0.0), default=np.inf)
-    if sum(swing.bend(fit.offset_ms) for swing in swings) < _SHOWS * quietest**2:
+    noises = (swing.sigma_dph(fit.offset_ms * swing.at_once) for swing in swings)
+    quietest = min((sigma for sigma in noises if sigma > 0.0), default=0.0)
+    if sum(swing.bend(fit.offset_ms) for swing in swings) <= _SHOWS * quietest**2:
         return 0.0
     for _ in range(_PASSES):
         # what the model says is one more reading of the offset
@@ -75,8 +76,7 @@ def offset_ms(runs: Sequence[GapRun], model: Model) -> float:
         fit = _fitted(swings, [swing.over(found) for swing in swings])
         if abs(found - before) < _NEAR_MS:
             break
-    shown = sum(swing.bend(found) / max(swing.sigma_dph(found), quietest) ** 2 for swing in swings)
-    return found if shown > _SHOWS and found**2 * fit.weight > _SHOWS else 0.0
+    return found
 
 
 def over_offset(runs: Sequence[GapRun], early_ms: float) -> list[GapRun]:
@@ -155,9 +155,9 @@ class _Swing:
         bent = 0.5e-3 * early_ms**2 * np.gradient(self.at_once, self.run.stimulus.period_s)
         return float(np.square(bent[~np.isnan(self.error_dph)]).sum())
 
-    def sigma_dph(self, early_ms: float) -> float:
+    def sigma_dph(self, does_dph: Array) -> float:
         """Return the noise from sample to sample beside what an offset does; 0 where none is seen."""
-        jumps = np.abs(self.jumps(self.error_dph - early_ms * self.over(early_ms)))
+        jumps = np.abs(self.jumps(self.error_dph - does_dph))
         return SIGMA_OF_SECOND_DIFFERENCES * float(np.median(jumps)) if len(jumps) else 0.0
 
 
