@@ -125,7 +125,11 @@ def test_what_is_of_first_order_is_left_to_the_effects_column(
     tmp_path: Path, offset_s: float, found_ms: float
 ) -> None:
     """Of 2 ms the second order is 0.17 deg/h: not three times the noise in 1,500 samples; of 5 ms 1.1 deg/h."""
-    assert offset_ms(logs_of(tmp_path, offset_s), model((0.0, 50.0))) == pytest.approx(found_ms, abs=0.1)
+    logs = logs_of(tmp_path, offset_s)
+    assert offset_ms(logs, model((0.0, 50.0))) == pytest.approx(found_ms, abs=0.1)
+    # by chance one run is fitted a tenth of a variance worse over it: that is no reason
+    over = [run.stimulus.over_offset_dph is not None for run in over_offset(logs, found_ms)]
+    assert over == [bool(found_ms)] * 3
 
 
 def test_a_clock_two_seconds_and_a_part_apart_is_both(logs: list[GapRun]) -> None:
