@@ -156,12 +156,12 @@ class Mapping(_Part):
     def _each_recorder_is_known(self) -> Mapping:
         columns = self.named()
         told = {column.recorder for column in columns.values()} - {""}
-        if unknown := told ^ set(self.recorder):
-            raise ValueError(
-                f"recorder {sorted(unknown)}: a column names it and [recorder] does not, or neither"
-            )
-        if unknown := {name for entry in self.run for name in entry.starts_s} - set(self.recorder):
-            raise ValueError(f"starts_s of {sorted(unknown)}: no such recorder")
+        if unknown := sorted(told - set(self.recorder)):
+            raise ValueError(f"a column is of recorder {unknown[0]}, and there is no [recorder.{unknown[0]}]")
+        if unused := sorted(set(self.recorder) - told):
+            raise ValueError(f"no column is of [recorder.{unused[0]}]")
+        if strange := {name for entry in self.run for name in entry.starts_s} - set(self.recorder):
+            raise ValueError(f"starts_s of {sorted(strange)[0]}: no such recorder")
         if wrong := [name for name in ("time", "output") if name in columns and columns[name].recorder]:
             raise ValueError(f"{wrong[0]} is one of the log itself, of no other recorder")
         return self
@@ -209,7 +209,7 @@ class Mapping(_Part):
         words = (stem, before + stem, log.stem, re.sub(r"[ _.-][^ _.-]*$", "", log.stem))
         files = [log.parent / pattern.replace("*", word) for word in words]
         files += [log.parent / file.name for file in files]
-        return next((file for file in files if file.is_file()), files[0])
+        return next((file for file in files if file.is_file()), files[len(words) - 1])
 
     def entry_of(self, log: Path) -> LogEntry | None:
         """Return the first entry that a log's name fits, if there is one."""
@@ -236,7 +236,14 @@ def read_mapping(path: Path) -> Mapping:
     try:
         return Mapping.model_validate(data)
     except ValidationError as error:
-        rows = [(".".join(map(str, row["loc"])), row["type"], row["msg"]) for row in error.errors()]
+        rows = [
+            (
+                ".".join(map(str, row["loc"])) or "mapping",
+                row["type"],
+                row["msg"].removeprefix("Value error, "),
+            )
+            for row in error.errors()
+        ]
         missing = [key for key, kind, _ in rows if kind == "missing"]
         wrong = [f"{key}: {text.lower()}" for key, kind, text in rows if kind != "missing"]
         raise ConfigurationError(

@@ -166,6 +166,7 @@ def _labelled(
 def _checked(names: Sequence[str], present: Sequence[str], file: Path) -> list[str]:
     """Return the names wanted, all if none are; ConfigurationError for one that the file lacks."""
     if missing := [name for name in names if name not in present]:
+        present = list(dict.fromkeys(present))
         more = f" and {len(present) - _SHOWN} more" if len(present) > _SHOWN else ""
         raise ConfigurationError(
             "the file has no such column",

@@ -144,9 +144,9 @@ def test_where_a_recorder_says_nothing_the_value_is_missing(folder: Path) -> Non
     ("change", "message"),
     [
         (('"*_gyro.csv"', '"*_gyro.csv"\nstarts_s.oven = 1.0'), "oven.*no such recorder"),
-        (('file = "*_chamber.csv"', 'file = "*_oven.csv"'), "a recorder's log is not there.*a_oven.csv"),
-        (('recorder = "table" }', 'recorder = "oven" }'), "oven"),
-        ((', recorder = "table" }', " }"), "table"),
+        (('file = "*_chamber.csv"', 'file = "*_oven.csv"'), "a recorder's log is not there.*gyro/a_oven.csv"),
+        (('recorder = "table" }', 'recorder = "oven" }'), r"of recorder oven, and there is no \[recorder.oven\]"),
+        ((', recorder = "table" }', " }"), r"no column is of \[recorder.table\]"),
         (('"deg/s" }', '"deg/s", recorder = "table" }'), "output is one of the log itself"),
         (("shift_s = 0.0", "shift_s = -1e6"), "wrote nothing while the log was written"),
         (("shift_s = 0.0", "shift_s = 1e6"), "wrote nothing while the log was written"),
