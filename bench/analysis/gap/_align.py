@@ -66,17 +66,17 @@ def offset_ms(runs: Sequence[GapRun], model: Model) -> float:
     told = 1.0 / sum(term.sigmas[0] ** 2 for term in known) if known else 0.0
     swings = [_Swing(run) for run in runs]
     fit, found = _fitted(swings, [swing.at_once for swing in swings]), said_ms
-    noises = (swing.sigma_dph(fit.offset_ms * swing.at_once) for swing in swings)
-    quietest = min((sigma for sigma in noises if sigma > 0.0), default=0.0)
-    if sum(swing.bend(fit.offset_ms) for swing in swings) <= _SHOWS * quietest**2:
-        return 0.0
     for _ in range(_PASSES):
+        if not fit.weight + told:
+            return 0.0
         # what the model says is one more reading of the offset
         before, found = found, (fit.weight * fit.offset_ms + told * said_ms) / (fit.weight + told)
         fit = _fitted(swings, [swing.over(found) for swing in swings])
         if abs(found - before) < _NEAR_MS:
             break
-    return found
+    noises = (swing.sigma_dph(found * swing.over(found)) for swing in swings)
+    quietest = min((sigma for sigma in noises if sigma > 0.0), default=0.0)
+    return found if sum(swing.bend(found) for swing in swings) > _SHOWS * quietest**2 else 0.0
 
 
 def over_offset(runs: Sequence[GapRun], early_ms: float) -> list[GapRun]:

@@ -179,6 +179,24 @@ def test_a_run_that_shows_no_offset_has_that_of_all_others() -> None:
         assert aligned([open_runs[0], other, hidden])[0][2] is hidden
 
 
+def test_steps_whose_corners_are_missing_show_no_offset() -> None:
+    """Rows beside them show what a servo does after a corner: at once, tens of ms would be noise there."""
+
+    def settling(seed: int) -> GapRun:
+        s, rng = stimulus(600, cold=False), np.random.default_rng(seed)
+        rate = np.where(np.arange(600) % 100 < 50, 20.0, -20.0)
+        rate[50::50] *= 0.68
+        rate += 1e-4 * np.sin(np.arange(600.0))
+        s = replace(s, angle_deg=np.concatenate(([0.0], np.cumsum(rate))))
+        run = made_run("a", s, rng)
+        beside = np.isin(np.arange(600) % 50, (49, 0, 1))
+        return replace(run, output_dph=np.where(beside, np.nan, run.output_dph))
+
+    assert not any(offset_ms([settling(seed)], model(None)) for seed in range(20))
+    still = replace(settling(0), stimulus=stimulus(600, cold=False))
+    assert offset_ms([still], model(None)) == 0.0
+
+
 def test_what_held_out_runs_cannot_show_they_neither_confirm_nor_refute(logs: list[GapRun]) -> None:
     """A held-out run of a table that stands shows nothing of a clock."""
     s = replace(logs[0].stimulus, angle_deg=np.zeros(len(logs[0].stimulus) + 1), edge_rate_dps=None)
