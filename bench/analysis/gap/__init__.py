@@ -5,6 +5,7 @@ from bench.analysis.gap._channels import ChannelFinding
 from bench.analysis.gap._describe import UnknownPart
 from bench.analysis.gap._designs import Design, designs_for, key_of, other_equipment
 from bench.analysis.gap._diagnose import Diagnosis, closed_model, diagnose
+from bench.analysis.gap._effect_facts import effect_facts
 from bench.analysis.gap._exam_folder import hold_exam, read_exam
 from bench.analysis.gap._facts import (
     batch_facts,
@@ -72,6 +73,7 @@ __all__ = [
     "diagnose_batch",
     "diagnosis_facts",
     "differences",
+    "effect_facts",
     "foretell",
     "foretold_facts",
     "hold_exam",
