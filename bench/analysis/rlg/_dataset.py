@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from bench.analysis.common.runs import case_temp_c, gyros_of, require_completed
+from bench.analysis.common.seconds import gyro_seconds
 from bench.analysis.rlg._rows import RampRun, ramp_run
 from bench.analysis.rlg._study import RlgStudy, run_rlg_study
 from bench.analysis.rlg._variables import CANDIDATES
-from bench.record.recording import Run, Table, row_means, second_rows
-from drivers.base.arrays import Array
+from bench.record.recording import Run, Table, second_rows
 from drivers.base.constants import DPH_PER_DPS
 from drivers.base.errors import ConfigurationError
 
@@ -83,24 +83,25 @@ def load_ramp_runs(folder: Path, gyros: tuple[str, ...] = ()) -> list[RampRun]:
 
 def _ramp_run(run: Run, gyro: str, start: int, end: int, ramps: list[tuple[float, float]]) -> RampRun:
     table = run.gyro(gyro, None, float(start), float(end) + 1e-6)
+    means = gyro_seconds(run, gyro, start, end)
     parameters = run.manifest.parameters
     direction = "down first" if parameters.get("downwards") else "up first"
     made = ramp_run(
         run.manifest.run_id,
         run.manifest.unit(gyro),
         np.arange(start + 1.0, end + 1.0),
-        _second_means(table, "case_temp_c", start, end)
+        means.of(table["case_temp_c"], second_rows(table, start))
         if "case_temp_c" in table
         else case_temp_c(run, gyro, start, end),
-        _second_means(table, "temp_c", start, end),
-        DPH_PER_DPS * _second_means(table, "rate_dps", start, end)
-        - run.earth_rate_dph(np.arange(start + 0.5, end)),
+        means.temp_c,
+        DPH_PER_DPS * means.rate_dps - run.earth_rate_dph(np.arange(start + 0.5, end)),
         true_bias_dph=run.true_means(gyro, "bias_dph", start, end),
         ramps=ramps,
         checksum=run.checksum,
         kind=f"{_text(parameters.get('low_c'))} to {_text(parameters.get('high_c'))} °C, {direction}",
     )
-    return replace(made, remarks=(*_lost(run, gyro, table, end - start), *made.remarks))
+    remarks = (*_lost(run, gyro, table, end - start), *means.remarks, *made.remarks)
+    return replace(made, remarks=remarks)
 
 
 def _lost(run: Run, gyro: str, table: Table, seconds_long: int) -> list[str]:
@@ -117,9 +118,3 @@ def _lost(run: Run, gyro: str, table: Table, seconds_long: int) -> list[str]:
 
 def _text(value: Any) -> str:
     return f"{value:g}" if isinstance(value, int | float) else "?"
-
-
-def _second_means(table: Table, column: str, start: int, end: int) -> Array:
-    """Return 1 s means of a column, (end - start,), NaN where a second has no valid sample."""
-    row = second_rows(table, start)
-    return row_means(table[column], row, end - start, table["valid"].astype(np.bool_))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis.common.runs import case_temp_c, gyros_of
+from bench.analysis.common.seconds import gyro_seconds
 from bench.analysis.thermal._scale_factor import RateRun, scale_factor_group
 from bench.analysis.thermal._types import ThermalRun
 from bench.record.events.run import Section
@@ -65,13 +66,14 @@ def _bias_run(run: Run, gyro: str) -> ThermalRun:
 
 def _measured(run: Run, gyro: str, start: int, end: int) -> tuple[Array, dict[str, Any]]:
     """Return the gyro's 1 s means in deg/s, and what thermal runs of any kind have of these seconds."""
-    means = run.second_means(gyro, start, end)
+    means = gyro_seconds(run, gyro, start, end)
     return means.rate_dps, {
         "run_id": run.manifest.run_id,
         "unit_id": run.manifest.unit(gyro),
         "gyro_temp_c": means.temp_c,
         "case_temp_c": case_temp_c(run, gyro, start, end),
         "checksum": run.checksum,
+        "remarks": means.remarks,
         "meta": {"gyro": gyro},
     }
 

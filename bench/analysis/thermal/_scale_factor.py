@@ -105,6 +105,7 @@ def scale_factor_group(
         checksum="+".join(run.checksum for run in runs if run.checksum),
         phases=first.phases,
         true_sf_error_ppm=truth,
+        remarks=tuple(f"at {run.rate_dps:g} deg/s {text}" for run in runs for text in run.remarks),
         meta={"rates_dps": rates, "shifts_s": list(shifts), "temp_spread_c": spread},
     )
 

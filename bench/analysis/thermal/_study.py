@@ -52,6 +52,12 @@ class Study(Shown):
         """Name of the chosen model."""
         return self.selection[0].name
 
+    @property
+    def remarks(self) -> list[str]:
+        """What was left out of which run."""
+        runs = {id(run): run for run in (*self.train, *self.validation, *self.tests)}
+        return [f"{run.run_id}: {text}" for run in runs.values() for text in run.remarks]
+
     def shown(self) -> dict[str, object]:
         """Return what was fitted on what, the chosen model, and the stability it leaves."""
         rows = self.scores[self.chosen]

@@ -16,7 +16,8 @@ class ThermalRun:
     `gyro_temp_c` is the gyro's own sensor (T_in), `case_temp_c` the sensor on its case (T_out). A bias run has
     `bias_dph` (output minus the Earth-rate projection, deg/h), a scale-factor group `sf_error_ppm`; the other is
     None. NaN marks seconds without data. `reference` is the (start, end) in s of the equilibrium window before
-    the shock at room temperature. `true_*` exist on emulated runs only and are never used by a fit.
+    the shock at room temperature. `true_*` exist on emulated runs only and are never used by a fit. `remarks` say
+    what was left out.
     """
 
     run_id: str
@@ -31,6 +32,7 @@ class ThermalRun:
     phases: Sequence[tuple[float, str]] = ()
     true_bias_dph: Array | None = None
     true_sf_error_ppm: Array | None = None
+    remarks: tuple[str, ...] = ()
     meta: dict[str, Any] = field(default_factory=dict)
 
 

@@ -105,7 +105,7 @@ def campaign_page(
     ]
     floor_dph = float(np.median(floors)) if floors else None
     ranked = models.ranked(study)
-    remarks = [f"{run.run_id}: {text}" for run in runs for text in run.warnings]
+    remarks = [f"{run.run_id}: {text}" for run in runs for text in run.warnings] + study.remarks
     remarks += [text for score in study.scores[study.chosen] if (text := models.outside_sentence(score))]
     if study.judged_on_chosen:
         remarks.append(

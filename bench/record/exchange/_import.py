@@ -113,12 +113,14 @@ def _write_run(folder: Path, log: str, mapping: Mapping, entry: LogEntry, data: 
     events.event(duration_s, Outcome("completed", "imported", sealed=True))
     events.close()
     ended = datetime.fromisoformat(started) + timedelta(seconds=duration_s)
+    elevation = data.columns.get("elevation")
+    elevation_deg = entry.elevation_deg if elevation is None else float(np.nanmedian(elevation))
     azimuth = Measured("azimuth_error", entry.azimuth_error_deg, "deg", None, None, None)
     manifest = Manifest(
         run_id=folder.name,
         procedure=mapping.procedure or entry.profile or "imported",
         parameters={"condition": entry.condition, "power_on_s": entry.power_on_s or 0.0},
-        mounting="axis_up" if abs(entry.elevation_deg) > 45.0 else "axis_horizontal",
+        mounting="axis_up" if abs(elevation_deg) > 45.0 else "axis_horizontal",
         outcome="completed",
         reason="imported",
         started_utc=started,
@@ -144,7 +146,7 @@ def _write_run(folder: Path, log: str, mapping: Mapping, entry: LogEntry, data: 
             for name in streams
         },
         units=dict.fromkeys(streams, mapping.unit_id),
-        imported=Imported(log=f"raw/{log}", mapping=f"raw/{_MAPPING}"),
+        imported=Imported(log=f"raw/{log}", mapping=f"raw/{_MAPPING}", elevation_deg=elevation_deg),
         software={"python": platform.python_version(), "gyrobench": version("gyrobench")},
         stream={name: vars(report) for name, report in streams.items()},
         measurements=(dict(vars(azimuth)),),

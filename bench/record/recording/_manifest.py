@@ -68,10 +68,14 @@ class EmulatedLab(_Part):
 
 
 class Imported(_Part):
-    """Present if the run came from another bench: the log and its mapping file, paths in the run folder."""
+    """Present if the run came from another bench: the log and its mapping file, paths in the run folder.
+
+    `elevation_deg`: of the axis under test; None in older runs.
+    """
 
     log: FileName
     mapping: FileName
+    elevation_deg: float | None = None
 
 
 class OperatorEntry(_Part):

@@ -82,6 +82,7 @@ def folder(
     time_ns = (time_s * 1e9).astype(np.int64)
     rate = (1e-4 * time_s + EARTH * np.cos(np.radians(92.0))) / 3600.0
     columns = {"time_ns": time_ns, "valid": np.ones(4000, np.bool_), "rate_dps": rate, "temp_c": time_s / 200}
+    columns["lost_before"] = np.zeros(4000, np.int64)
     if in_frame:
         columns["case_temp_c"] = time_s / 100
     chamber = {"time_ns": time_ns, "aux_1_temp_c": time_s / 100}

@@ -350,7 +350,7 @@ def test_rows_of_a_rate_run_are_whole_seconds_from_its_reference_on(monkeypatch)
               Phase("reference", 170.0, 180.0), Phase("close", 190.0, 200.0)]  # fmt: skip
     run = SimpleNamespace(
         phases=lambda: phases, place="p", checksum="sum",
-        manifest=SimpleNamespace(run_id="r", unit=lambda gyro: f"unit of {gyro}"),
+        manifest=SimpleNamespace(run_id="r", unit=lambda gyro: f"unit of {gyro}", stream={}),
         second_means=lambda gyro, start, end: SimpleNamespace(rate_dps=np.arange(start, end) / 3600.0,
                                                               temp_c=np.full(end - start, 30.0)),
         true_means=lambda gyro, name, start, end: np.array([start, end]),

@@ -73,11 +73,14 @@ def cold_shock(
     for score in study.scores[study.chosen]:
         if text := outside_sentence(score):
             console.say(text, style="yellow")
+    console.say_all(study.remarks, style="yellow")
     if study.judged_on_chosen:
         console.print("no --test runs: the figures are on the runs that chose the model", style="yellow")
     validated = [run.run_id for run in study.validation]
     judged = {"scores": study.scores, "judged_on_chosen": study.judged_on_chosen}
-    console.say_json("result", chosen=study.chosen, chosen_on=validated, **judged, folder=out)
+    console.say_json(
+        "result", chosen=study.chosen, chosen_on=validated, **judged, remarks=study.remarks, folder=out
+    )
 
 
 def score_table(study: Study) -> Table:
