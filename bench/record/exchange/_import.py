@@ -7,7 +7,7 @@ import re
 import shutil
 import tempfile
 from collections.abc import Callable
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from importlib.metadata import version
 from pathlib import Path
 
@@ -49,8 +49,9 @@ def import_log(log: Path, mapping_file: Path, runs: Path) -> Path:
     """
     mapping = read_mapping(mapping_file)
     entry = mapping.entry_for(log, mapping_file)
-    started = _started(entry, mapping_file)
+    _check_started(entry, mapping_file)
     data = read_log(log, mapping)
+    started = entry.started_utc or _first_row_utc(data)
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", entry.run_id or log.stem).strip(".-") or "imported"
     target = runs / name
     if not log.name.isprintable() or log.name == _MAPPING or max(len(name), len(log.name)) > _LONGEST_NAME:
@@ -248,10 +249,10 @@ def _ns(time_s: Array) -> NDArray[np.int64]:
     return np.rint(time_s * 1e9).astype(np.int64)
 
 
-def _started(entry: LogEntry, where: Path) -> str:
-    """Return when the recording began; now where the mapping does not say."""
+def _check_started(entry: LogEntry, where: Path) -> None:
+    """Raise ConfigurationError for a start that is no date and time."""
     if not entry.started_utc:
-        return utc_now()
+        return
     try:
         if not 1970 <= datetime.fromisoformat(entry.started_utc).year < 3000:
             raise ValueError("no year of a recording")
@@ -259,4 +260,10 @@ def _started(entry: LogEntry, where: Path) -> str:
         raise ConfigurationError(
             "started_utc is no date and time", where=str(where), found=entry.started_utc, expected="ISO 8601"
         ) from error
-    return entry.started_utc
+
+
+def _first_row_utc(data: Log) -> str:
+    """Return the date and time of the first row; now where the log has none."""
+    if not data.since_1970:
+        return utc_now()
+    return datetime.fromtimestamp(float(data.time_s[0]), UTC).isoformat(timespec="milliseconds")

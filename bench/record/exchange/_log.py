@@ -35,6 +35,8 @@ _QUANTITIES = {
     "door": OPENING,
 }  # fmt: skip
 _TURN_DEG = 360.0
+_UNIX_S = 1e9, 4e9
+"""Numbers that can only be Unix times: 2001 to 2096."""
 _VALID_RATES = ("output", "rate_x", "rate_y", "rate_z")
 """What `valid` is said of."""
 
@@ -47,13 +49,15 @@ class Log:
     `t_out`, `air` and `set_point` in degC, `heater` in W, `door` from 0 to 1; only those that the mapping names.
     NaN where a value is missing; rates, too, where the column `valid` is zero or missing. `remarks` say which
     rows were put into order or were there twice, and what was done about a clock that was set back. `other_rows`
-    has the columns of other recorders at the rows that they were written in, shape (m,) each.
+    has the columns of other recorders at the rows that they were written in, shape (m,) each. `since_1970`:
+    the times are those of a calendar, in s since 1970.
     """
 
     time_s: Array
     columns: abc.Mapping[str, Array]
     remarks: tuple[str, ...] = ()
     other_rows: abc.Mapping[str, Array] = field(default_factory=dict)
+    since_1970: bool = False
 
 
 def read_log(file: Path, mapping: Mapping) -> Log:
@@ -63,7 +67,8 @@ def read_log(file: Path, mapping: Mapping) -> Log:
     that is not known, times that do not grow, and recorders whose times do not meet the log's.
     """
     named = mapping.named()
-    log, dated = _read(file, {n: c for n, c in named.items() if not c.recorder}, mapping.rate_hz)
+    own = {n: c for n, c in named.items() if not c.recorder}
+    log, dated = _read(file, own, mapping.rate_hz, mapping.separator)
     columns, remarks = dict(log.columns), list(log.remarks)
     other_rows: dict[str, Array] = {}
     for name, recorder in mapping.recorder.items():
@@ -71,7 +76,7 @@ def read_log(file: Path, mapping: Mapping) -> Log:
         wanted = {n: c for n, c in named.items() if c.recorder == name}
         if recorder.time is not None:
             wanted["time"] = recorder.time
-        other, other_dated = _read(other_file, wanted, recorder.rate_hz)
+        other, other_dated = _read(other_file, wanted, recorder.rate_hz, recorder.separator)
         times = Times(other_file, other.time_s, other_dated), Times(file, log.time_s, dated)
         time_s = shifted(name, mapping, *times)
         other_rows |= other.columns
@@ -80,10 +85,11 @@ def read_log(file: Path, mapping: Mapping) -> Log:
     if "valid" in columns:
         invalid = ~(np.nan_to_num(columns.pop("valid")) != 0.0)
         columns |= {n: np.where(invalid, np.nan, columns[n]) for n in _VALID_RATES if n in columns}
-    return Log(log.time_s, columns, tuple(remarks), other_rows)
+    since_1970 = dated or bool(_UNIX_S[0] <= log.time_s[0] < _UNIX_S[1])
+    return Log(log.time_s, columns, tuple(remarks), other_rows, since_1970)
 
 
-def _read(file: Path, wanted: dict[str, Column], rate_hz: float | None) -> tuple[Log, bool]:
+def _read(file: Path, wanted: dict[str, Column], rate_hz: float | None, separator: str) -> tuple[Log, bool]:
     """Return the columns of one file, and whether its times are date-times."""
     wanted = dict(wanted)
     scales = {name: _scale(name, column, file) for name, column in wanted.items()}
@@ -99,7 +105,7 @@ def _read(file: Path, wanted: dict[str, Column], rate_hz: float | None) -> tuple
         )
     periods = {wanted["angle"].name: 360.0 / scales["angle"].factor} if "angle" in wanted else {}
     names = sorted(wanted, key=lambda name: name != "output")  # whose times an MDF file's other channels take
-    table = read_table(file, [wanted[name].name for name in names], periods=periods)
+    table = read_table(file, [wanted[name].name for name in names], separator=separator, periods=periods)
     for name in ("", *(column.name for column in wanted.values())):
         if word := table.words.get(name, ""):
             raise ConfigurationError(

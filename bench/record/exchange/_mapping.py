@@ -126,9 +126,11 @@ class Recorder(_Part):
     column of times, or `rate_hz` of its rows. Date-times are compared as they are. Of other clocks somebody has
     to say what they have in common: `shift_s` is added to its times, 0 where both have one zero; `starts_s`, here
     or in [[run]] by the recorder's name, is how long after the log's first row its first one was written.
+    `separator`: see `Mapping`.
     """
 
     file: str = Field(min_length=1)
+    separator: str = Field(default="", max_length=9)
     time: Column | None = None
     rate_hz: float | None = Field(default=None, gt=0.0, le=1e6)
     starts_s: float | None = Field(default=None, ge=-3.2e7, le=3.2e7)
@@ -136,7 +138,10 @@ class Recorder(_Part):
 
 
 class Mapping(_Part):
-    """A mapping file. `rate_hz`: of the rows, where no column has the time."""
+    """A mapping file. `rate_hz`: of the rows, where no column has the time.
+
+    `separator`: of a text, where it is not seen by itself: comma, semicolon, tab, blank, bar, or the character.
+    """
 
     format: Literal[1]
     unit_id: str = Field(min_length=1)
@@ -144,6 +149,7 @@ class Mapping(_Part):
     columns: Columns
     run: tuple[LogEntry, ...] = (LogEntry(),)
     recorder: dict[str, Recorder] = Field(default_factory=dict)
+    separator: str = Field(default="", max_length=9)
     gyro: str = Field(default="gyro", pattern=r"^[a-z][a-z0-9_]{0,31}$")
     axis: Axis = "x"
     rate_hz: float | None = Field(default=None, gt=0.0, le=1e6)

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _HEAD_BYTES = 1 << 17
 _COMMENTS = ("#", "%", "//", "!", "*")
 _SEPARATORS = {"tab": "\t", "semicolon": ";", "comma": ",", "blank": " ", "bar": "|"}
-"""In the order in which they are tried; blanks count as one."""
+"""In the order in which they are tried, blanks last; several count as one."""
 _MISSING = ["", "NaN", "nan", "NAN", "NA", "N/A", "null", "-"]
 _RATE = re.compile(
     r"(?:\bfs\b|(?:sampl\w*|output|data)[ _-]*(?:rate|freq\w*)|^\W*frequency)[^\w.]*(?:\[?k?hz\]?\W*)?"
@@ -80,10 +80,14 @@ def layout_of(file: Path, lines: Sequence[str], separator: str, skip: int | None
     told = _SEPARATORS.get(separator, separator)
     kept = [(number, line) for number, line in enumerate(lines) if line.strip() and number >= (skip or 0)]
     kept = [(number, line) for number, line in kept if not line.lstrip().startswith(_COMMENTS)]
-    start, width, used, decimal = max(
-        (_first_row(kept, one) for one in ([told] if told else _SEPARATORS.values())),
-        key=lambda found: found[1],
-    )
+    blank = _SEPARATORS["blank"]
+    marks = [told] if told else [each for each in _SEPARATORS.values() if each != blank]
+    found = max((_first_row(kept, mark) for mark in marks), key=lambda found: found.width)
+    if not told:
+        # dates and times have blanks between them: blanks separate where that makes more of the cells numbers
+        by_blanks = _first_row(kept, blank)
+        found = by_blanks if not found.width or by_blanks.numbers > found.numbers else found
+    start, width, used, decimal, _ = found
     if width == 0:
         return None
     before = [line for line in lines[:start] if line.strip()]
@@ -144,15 +148,23 @@ def _fields(line: str, separator: str) -> list[str]:
     return line.split() if separator == " " else [part.strip() for part in line.split(separator)]
 
 
-def _first_row(kept: Sequence[tuple[int, str]], separator: str) -> tuple[int, int, str, str]:
-    """Return line of the first row of numbers, columns (0: none), separator and decimal mark.
+class _FirstRow(NamedTuple):
+    """Line of the first row of numbers, columns (0: none), separator, decimal mark, and part that are numbers."""
 
-    `kept` are the lines that are neither empty nor comments, with their numbers.
-    """
+    start: int
+    width: int
+    separator: str
+    decimal: str
+    numbers: float
+
+
+def _first_row(kept: Sequence[tuple[int, str]], separator: str) -> _FirstRow:
+    """Return the first row by a separator; `kept` are lines that are neither empty nor comments, numbered."""
+    none = _FirstRow(0, 0, separator, ".", 0.0)
     sample = [_fields(line, separator) for _, line in kept[len(kept) // 2 :][-200:]]
     width, often = Counter(map(len, sample)).most_common(1)[0] if sample else (0, 0)
     if often <= 0.8 * len(sample) or (width < 2 and separator != " "):
-        return 0, 0, separator, "."
+        return none
     marks = (".", ",") if separator != "," else (".",)
     numeric = {
         mark: float(np.mean([_numeric(row, mark) for row in sample if len(row) == width] or [0.0]))
@@ -162,10 +174,10 @@ def _first_row(kept: Sequence[tuple[int, str]], separator: str) -> tuple[int, in
         marks, key=lambda mark: numeric[mark]
     )  # of equal ones the point; whole numbers have neither
     if numeric[decimal] <= 0.5:
-        return 0, 0, separator, "."
+        return none
     rows = ((n, _fields(line, separator)) for n, line in kept)
     start = next(n for n, row in rows if len(row) == width and _numeric(row, decimal) > 0.5)
-    return start, width, separator, decimal
+    return _FirstRow(start, width, separator, decimal, numeric[decimal])
 
 
 def _numeric(row: list[str], decimal: str) -> float:
