@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,23 +14,20 @@ from bench.analysis.calibration._compensation import ImuCompensation
 from bench.analysis.calibration._conventions import Noise, Site, Task
 from bench.analysis.calibration._estimator import BiasWander, Estimate, Options, estimate
 from bench.analysis.calibration._further import after, changes, together
+from bench.analysis.calibration._imu_log import read_imu_log
 from bench.analysis.calibration._inflation import Inflation, inflation
-from bench.analysis.calibration._navigation import Increments
 from bench.analysis.calibration._record_noise import RecordNoise, record_noise
 from bench.analysis.calibration._result import Evaluation, evaluate
-from bench.analysis.calibration._runs import CalibrationRun, load_calibration_run
+from bench.analysis.calibration._runs import CalibrationRun, increments_of, load_calibration_run
 from bench.analysis.calibration._schedule import load_scheme
 from bench.analysis.common.compensation import provenance
-from bench.record.exchange import read_table
-from bench.record.recording import checksum
+from bench.record.recording import Run, checksum
 from bench.record.shown import Shown
-from drivers.base.errors import ConfigurationError, RecordError
+from drivers.base.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from bench.analysis.common.uncertainty import Budget
 
-_COLUMNS = [f"gyro_{axis}_dps" for axis in "xyz"] + [f"accelerometer_{axis}_mps2" for axis in "xyz"]
-_PERIOD_TOLERANCE = 0.1
 _LARGEST = 30.0
 _MOVED_DEG = 0.02
 """By so much the latitude is moved to see what depends on it."""
@@ -110,35 +106,41 @@ def load_record(
     dwell_s: float = 180.0,
     latitude_deg: float | None = None,
 ) -> CalibrationRun:
-    """Return what a run folder holds, or a log (of any format that imports read) with what is told of it.
+    """Return what a run folder of the scheme holds, or a log with what is told of it.
 
-    A log has columns time_s, gyro_x_dps .. and accelerometer_x_mps2 .., means over each sample at a
-    constant rate, and needs `scheme` and `latitude_deg`. RecordError says what makes a record unusable.
+    A log is what `read_imu_log` reads and needs `scheme`; without a mapping, `latitude_deg`, too. RecordError
+    says what makes a record unusable.
     """
-    if record.is_dir():
+    if record.is_dir() and Run.open(record).manifest.imported is None:
         run = load_calibration_run(record, gyro)
         return run if latitude_deg is None else replace(run, latitude_deg=latitude_deg)
-    if scheme is None or latitude_deg is None:
+    told_deg = 0.0 if latitude_deg is None else latitude_deg
+    mapped = record.is_dir() or record.suffix == ".toml"
+    if scheme is None or (latitude_deg is None and not mapped):
         raise ConfigurationError(
             "a log does not say what was turned where",
             where=str(record),
             found="--scheme " + (scheme or "left out"),
-            expected="--scheme and --latitude-deg, and --dwell-s if it was not 180",
+            expected="--scheme, and --dwell-s if it was not 180"
+            if mapped
+            else "--scheme and --latitude-deg, and --dwell-s if it was not 180",
             remedy="a run folder of `gyrobench run system-calibration` says it itself",
         )
-    increments = read_increments(record)
+    log = read_imu_log(record)
+    increments, remarks = increments_of(log.rates_dps, log.forces_mps2, log.period_s, str(record))
     return CalibrationRun(
-        run_id=record.stem,
-        checksum=checksum(record).sha256,
-        gyro=gyro or record.stem,
-        unit_id=gyro or record.stem,
-        latitude_deg=latitude_deg,
+        run_id=log.file.stem,
+        checksum=checksum(log.file).sha256,
+        gyro=gyro or log.unit_id or log.file.stem,
+        unit_id=gyro or log.unit_id or log.file.stem,
+        latitude_deg=told_deg if latitude_deg is not None or log.latitude_deg is None else log.latitude_deg,
         increments=increments,
         schedule=load_scheme(scheme).with_(dwell_s=dwell_s),
         table="by-hand",
         mounting="",
         turn_s=(),
         truth=None,
+        remarks=remarks,
     )
 
 
@@ -201,7 +203,7 @@ def calibrate(
     return Calibration(
         run,
         together(estimated, task, earlier) if earlier else estimated,
-        replace(evaluation, cautions=(*remarks, *evaluation.cautions)),
+        replace(evaluation, cautions=(*run.remarks, *remarks, *evaluation.cautions)),
         wander,
         shown,
         not as_told,
@@ -209,29 +211,3 @@ def calibrate(
         estimated,
         tuple(earlier),
     )
-
-
-def read_increments(path: Path) -> Increments:
-    """Read the log of an IMU, of any format that imports read; RecordError for words and for gaps in time.
-
-    ConfigurationError for a file that cannot be read or lacks a column.
-    """
-    table = read_table(path, ("time_s", *_COLUMNS))
-    if table.words:
-        name, word = next(iter(table.words.items()))
-        raise RecordError("the record is not one of numbers", where=f"{path}: {name}", found=word)
-    values = np.column_stack([table.columns[name] for name in ("time_s", *_COLUMNS)])
-    if len(values) < 2:
-        raise RecordError("the record is empty", where=str(path))
-    steps = np.diff(values[:, 0])
-    period = float((values[-1, 0] - values[0, 0]) / (len(values) - 1))
-    late = np.flatnonzero(np.abs(steps - np.median(steps)) > _PERIOD_TOLERANCE * np.median(steps))
-    if len(late):
-        raise RecordError(
-            "samples are missing",
-            where=f"{path}, {values[late[0], 0]:.3f} s",
-            found=f"{len(late)} irregular steps of time, the first of {steps[late[0]]:.4g} s",
-            expected=f"{np.median(steps):.4g} s: a lost increment of a turn cannot be made up",
-            remedy="run the schedule again",
-        )
-    return Increments(period, values[:, 1:4] * math.radians(period), values[:, 4:7] * period)

@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.calibration._by_hand import HandRecord
-from bench.analysis.common.statistics import on_grid, stretches
-from bench.record.exchange import read_log, read_mapping
+from bench.analysis.calibration._imu_log import read_imu_log
+from bench.analysis.common.statistics import stretches
 from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError
 
-_AXES = "xyz"
 _AT_LIMIT = 3
 """Equal samples in a row at a gyro's extreme from which on it is the end of its range."""
 
@@ -23,27 +22,16 @@ def load_hand_record(mapping_file: Path) -> tuple[HandRecord, float, Path]:
 
     ConfigurationError for a mapping without three gyros and three accelerometers, and for an unreadable log.
     """
-    mapping = read_mapping(mapping_file)
-    columns = mapping.columns
-    if set(columns.gyros) != set(_AXES) or set(columns.accelerometers) != set(_AXES):
+    log = read_imu_log(mapping_file)
+    if log.latitude_deg is None:
         raise ConfigurationError(
-            "a calibration by hand needs three gyros and three accelerometers",
+            "a calibration by hand needs a mapping file",
             where=str(mapping_file),
-            found=f"gyros {', '.join(sorted(columns.gyros)) or 'none'}, "
-            f"accelerometers {', '.join(sorted(columns.accelerometers)) or 'none'}",
-            expected="[columns.gyros] and [columns.accelerometers] with x, y and z",
-            remedy="`gyrobench look LOG --write FOLDER` writes such a mapping",
+            expected="a file that ends in .toml",
+            remedy="`gyrobench look LOG --write FOLDER` writes one",
         )
-    _, file = mapping.logs(mapping_file)[0]
-    log = read_log(file, mapping)
-    period_s = float(np.median(np.diff(log.time_s)))
-    place = np.rint((log.time_s - log.time_s[0]) / period_s).astype(np.int64)
-    gyros = ["output" if axis == mapping.axis else f"rate_{axis}" for axis in _AXES]
-    rates, forces = (
-        on_grid(place, np.stack([log.columns[name] for name in names], axis=1))
-        for names in (gyros, [f"accelerometer_{axis}" for axis in _AXES])
-    )
-    return HandRecord(mapping.unit_id, period_s, rates, forces, saturated(rates)), mapping.latitude_deg, file
+    record = HandRecord(log.unit_id, log.period_s, log.rates_dps, log.forces_mps2, saturated(log.rates_dps))
+    return record, log.latitude_deg, log.file
 
 
 def saturated(rate_dps: Array) -> NDArray[np.bool_]:

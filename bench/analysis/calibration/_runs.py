@@ -14,6 +14,8 @@ from bench.analysis.calibration._navigation import Increments
 from bench.analysis.calibration._schedule import Schedule, home_attitude, parse_moves
 from bench.analysis.calibration._table import Table
 from bench.analysis.calibration._turning import table_axes, table_type
+from bench.analysis.calibration._whole import whole
+from bench.analysis.common.statistics import on_grid
 from bench.record.benchfile import Calibration, bench_file_from, calibrations_of
 from bench.record.events.run import Scheme
 from bench.record.recording import Run
@@ -21,7 +23,6 @@ from drivers.base.arrays import Array
 from drivers.base.errors import RecordError
 
 PROCEDURE = "system-calibration"
-_GAP = "a lost increment of a turn cannot be made up: every later position would be seen askew"
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +30,7 @@ class CalibrationRun:
     """What a run holds. `truth` (24,), SI, of an emulated unit, else None; `mounting` as the operator was told.
 
     `turn_s`: how long each turn really took, settling included. `certificates`: of the bench's instruments.
+    `remarks`: what was filled in.
     """
 
     run_id: str
@@ -43,6 +45,7 @@ class CalibrationRun:
     turn_s: tuple[float, ...]
     truth: Array | None
     certificates: tuple[Calibration, ...] = ()
+    remarks: tuple[str, ...] = ()
 
 
 def load_calibration_run(folder: Path | str, gyro: str | None = None) -> CalibrationRun:
@@ -74,19 +77,21 @@ def load_calibration_run(folder: Path | str, gyro: str | None = None) -> Calibra
     parts = (
         [truth[key] for key in ("eps_rad_s", "nabla_mps2", "kg", "ka", "k2_s2pm")] if "kg" in truth else []
     )
+    increments, remarks = _increments(table, name, section.axis, float(rate_hz))
     return CalibrationRun(
         run_id=manifest.run_id,
         checksum=entry.sha256 if entry else "",
         gyro=name,
         unit_id=section.unit,
         latitude_deg=file.bench.latitude_deg,
-        increments=_increments(table, name, section.axis, float(rate_hz)),
+        increments=increments,
         schedule=schedule,
         table=table_type(table_axes(file.table)),
         mounting=manifest.mounting,
         turn_s=turn_s,
         truth=pack(*parts) if parts else None,
         certificates=calibrations_of(manifest.bench),
+        remarks=remarks,
     )
 
 
@@ -126,7 +131,9 @@ def _span(run: Run, schedule: Schedule) -> tuple[float, float, tuple[float, ...]
     return dwells[0].start_s, dwells[-1].end_s, turns
 
 
-def _increments(table: Mapping[str, Any], name: str, axis: str, rate_hz: float) -> Increments:
+def _increments(
+    table: Mapping[str, Any], name: str, axis: str, rate_hz: float
+) -> tuple[Increments, tuple[str, ...]]:
     rates = {axis: "rate_dps"} | {other: f"rate_{other}_dps" for other in AXES if other != axis}
     columns = [rates[name] for name in AXES] + [f"accelerometer_{name}_mps2" for name in AXES]
     missing = [column for column in columns if column not in table]
@@ -137,20 +144,16 @@ def _increments(table: Mapping[str, Any], name: str, axis: str, rate_hz: float) 
             found=", ".join(missing) + " not in the record",
             expected='axes = "xyz" in the bench file and a frame with three accelerometers',
         )
-    seconds = table["time_ns"] / 1e9
-    for what, bad in (
-        ("samples were lost", np.flatnonzero(table["lost_before"][1:] > 0) + 1),
-        ("samples are marked as faulty by the unit", np.flatnonzero(~table["valid"])),
-    ):
-        if len(bad):
-            count = int(table["lost_before"][bad].sum()) if what == "samples were lost" else len(bad)
-            raise RecordError(
-                what,
-                where=f"gyro {name}, {seconds[bad[0]]:.2f} s",
-                found=f"{count} of them",
-                expected=f"an unbroken record: {_GAP}",
-                remedy="check cable, baud rate and load of the host, then run the scheme again",
-            )
     values = np.column_stack([np.asarray(table[column], dtype=np.float64) for column in columns])
-    period = 1.0 / rate_hz
-    return Increments(period, np.radians(values[:, :3]) * period, values[:, 3:] * period)
+    values[~table["valid"]] = np.nan  # marked as faulty by the unit
+    lost = np.concatenate(([0], table["lost_before"][1:].astype(np.int64)))
+    even = on_grid(np.arange(len(values)) + np.cumsum(lost), values)
+    return increments_of(even[:, :3], even[:, 3:], 1.0 / rate_hz, f"gyro {name}")
+
+
+def increments_of(
+    rates_dps: Array, forces_mps2: Array, period_s: float, where: str
+) -> tuple[Increments, tuple[str, ...]]:
+    """Return increments of rates and specific forces, (n, 3) each, and what was filled in; errors as `whole`."""
+    rates, forces, remarks = whole(rates_dps, forces_mps2, period_s, where)
+    return Increments(period_s, np.radians(rates) * period_s, forces * period_s), tuple(remarks)

@@ -146,7 +146,7 @@ def _stuck(log: PlatformLog) -> Iterator[Finding]:
         yield Finding(text, "the lagged temperature would be interpolation for the most part", True)
     starts = np.flatnonzero(np.concatenate([[True], log.temp_c[1:] != log.temp_c[:-1]]))
     ends = np.append(starts[1:], len(log.temp_c)) - 1
-    lengths_s = log.time_s[ends] - log.time_s[starts]
+    lengths_s = np.where(_within_a_digit(log.temp_c, starts), 0.0, log.time_s[ends] - log.time_s[starts])
     longest = int(np.argmax(lengths_s))
     if lengths_s[longest] >= STUCK_S:
         whole = float(lengths_s[lengths_s >= STUCK_S].sum()) / (log.time_s[-1] - log.time_s[0])
@@ -156,6 +156,19 @@ def _stuck(log: PlatformLog) -> Iterator[Finding]:
             "drift at those headings would be put down to no temperature change, or to another cause",
             bool(whole > _STUCK_SHARE),
         )
+
+
+def _within_a_digit(temp_c: Array, starts: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which stretches of equal values begin and end with a step of the last digit: a slow temperature."""
+    steps = np.abs(np.diff(temp_c[starts]))
+    known = steps[np.isfinite(steps) & (steps > 0.0)]
+    digit = float(known.min()) if len(known) else 0.0
+    small = np.isfinite(steps) & (steps < 1.5 * digit)
+    return (
+        np.concatenate(([False], small[:-1] & small[1:], [False]))
+        if len(small) > 1
+        else np.zeros(len(starts), bool)
+    )
 
 
 def _jumps(log: PlatformLog) -> Iterator[Finding]:

@@ -175,6 +175,12 @@ def _kinds(columns: Mapping[str, Array], units: Mapping[str, str], log_name: str
         if kind == ACCELEROMETER and scale_of("angle", units.get(name, "") or "none")
     }
     kinds |= dict.fromkeys(azimuths, "")
+    times = {
+        name
+        for name, kind in kinds.items()
+        if kind == TEMPERATURE and scale_of("time", units.get(name, "") or "none")
+    }
+    kinds |= dict.fromkeys(times, TIME)  # "temps [ms]" is French
     letters = {re.split(r"[./]", name.lower())[-1] for name in columns}
     if not letters >= {*"pqr"}:  # one alone is anything
         kinds |= {name: "" for name in columns if re.split(r"[./]", name.lower())[-1] in ("p", "q", "r")}

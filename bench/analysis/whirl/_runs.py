@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.analysis.common.even_rows import row_places
+from bench.analysis.common.statistics import on_grid
 from bench.analysis.whirl._angle import Alignment, align_angle
 from bench.analysis.whirl._base import BaseMotion, without_base
 from bench.analysis.whirl._checks import alignment_findings, require_fit_for_whirl, rotation_findings
@@ -160,17 +162,12 @@ def _on_grid(run: Run, name: str) -> tuple[Array, Array, NDArray[np.bool_]]:
     names = ["rate_dps" if axis == under_test else f"rate_{axis}_dps" for axis in "xyz"]
     table = run.gyro(name, ("time_ns", "valid", *names))
     time_s = seconds(table)
-    period_s = float(np.median(np.diff(time_s)))
-    index = np.rint((time_s - time_s[0]) / period_s).astype(np.int64)
-    keep = np.append(True, np.diff(index) > 0)
-    period_s = float((time_s[-1] - time_s[0]) / index[-1])
-    count = int(index[-1]) + 1
-    rate_dps = np.zeros((count, 3))
-    usable = np.zeros(count, np.bool_)
-    rate_dps[index[keep]] = np.stack([table[column][keep] for column in names], axis=1)
-    usable[index[keep]] = np.asarray(table["valid"], np.bool_)[keep]
-    usable &= np.isfinite(rate_dps).all(axis=1)
-    return time_s[0] + period_s * np.arange(-1, count), rate_dps, usable
+    place, period_s = row_places(time_s)
+    rate_dps = on_grid(place, np.stack([table[column] for column in names], axis=1, dtype=np.float64))
+    usable = np.asarray(np.isfinite(rate_dps).all(axis=1))
+    usable[place] &= np.asarray(table["valid"], np.bool_)
+    rate_dps[~np.isfinite(rate_dps)] = 0.0
+    return time_s[0] + period_s * np.arange(-1, len(usable)), rate_dps, usable
 
 
 def _announced(run: Run) -> list[tuple[float, float, float]]:

@@ -7,6 +7,7 @@ import re
 import shutil
 import tempfile
 from collections.abc import Callable
+from collections.abc import Mapping as Columns
 from datetime import UTC, datetime, timedelta
 from importlib.metadata import version
 from pathlib import Path
@@ -35,6 +36,7 @@ from drivers.base.clock import utc_now
 from drivers.base.errors import ConfigurationError, RecordError
 
 _CASE_SENSOR = 1
+_AXES = 3
 _MAPPING = "mapping.toml"
 _LONGEST_NAME = 200
 _MOST_LOST = 2**31 - 1
@@ -114,6 +116,7 @@ def _write_run(folder: Path, log: str, mapping: Mapping, entry: LogEntry, data: 
     events.event(duration_s, Outcome("completed", "imported", sealed=True))
     events.close()
     ended = datetime.fromisoformat(started) + timedelta(seconds=duration_s)
+    axes = {"axes": "xyz"} if len(mapping.columns.gyros) == _AXES else {}
     elevation = data.columns.get("elevation")
     elevation_deg = entry.elevation_deg if elevation is None else float(np.nanmedian(elevation))
     azimuth = Measured("azimuth_error", entry.azimuth_error_deg, "deg", None, None, None)
@@ -130,7 +133,7 @@ def _write_run(folder: Path, log: str, mapping: Mapping, entry: LogEntry, data: 
         bench={
             "bench": {"name": mapping.bench, "latitude_deg": mapping.latitude_deg},
             "gyro": [
-                {"name": name, "unit": mapping.unit_id, "axis": mapping.axis, "driver": "imported"}
+                {"name": name, "unit": mapping.unit_id, "axis": mapping.axis, "driver": "imported"} | axes
                 for name in streams
             ],
         },
@@ -166,17 +169,27 @@ def _write_tables(out: Path, mapping: Mapping, entry: LogEntry, data: Log) -> di
     grid_s = np.append(np.arange(0.0, time_s[-1]), time_s[-1])
     angle = _on(grid_s, time_s, columns["angle"]) if "angle" in columns else entry.table_angle_deg(grid_s)
     if angle is not None:
-        rate = np.gradient(angle, grid_s)
-        if "table_rate" in columns:
-            rate = _on(grid_s, time_s, columns["table_rate"])
-        with table_writer(out / "turntable.parquet", "turntable, imported") as writer:
-            writer.write({"time_ns": _ns(grid_s), "angle_deg": np.mod(angle, 360.0), "rate_dps": rate})
+        _write_turntable(out / "turntable.parquet", grid_s, angle, time_s, columns)
     names = {"air": "air_temp_c", "set_point": "set_point_c", "t_out": f"aux_{_CASE_SENSOR}_temp_c"}
     chamber = {name: _on(grid_s, time_s, columns[key]) for key, name in names.items() if key in columns}
     if chamber:
         with table_writer(out / "chamber.parquet", "chamber, imported") as writer:
             writer.write({"time_ns": _ns(grid_s), **chamber})
     return streams
+
+
+def _write_turntable(
+    path: Path, grid_s: Array, angle_deg: Array, time_s: Array, columns: Columns[str, Array]
+) -> None:
+    """Write the table's angle, in the rows of its column where it has one, and its rate, else over seconds."""
+    rate_dps = np.gradient(angle_deg, grid_s)
+    if "angle" in columns and (known := np.isfinite(columns["angle"])).any():
+        rows_s = time_s[known]
+        angle_deg, rate_dps, grid_s = columns["angle"][known], np.interp(rows_s, grid_s, rate_dps), rows_s
+    if "table_rate" in columns:
+        rate_dps = _on(grid_s, time_s, columns["table_rate"])
+    with table_writer(path, "turntable, imported") as writer:
+        writer.write({"time_ns": _ns(grid_s), "angle_deg": np.mod(angle_deg, 360.0), "rate_dps": rate_dps})
 
 
 def _phases(entry: LogEntry) -> list[tuple[float, Event]]:

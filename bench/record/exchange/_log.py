@@ -105,7 +105,9 @@ def _read(file: Path, wanted: dict[str, Column], rate_hz: float | None, separato
         )
     periods = {wanted["angle"].name: 360.0 / scales["angle"].factor} if "angle" in wanted else {}
     names = sorted(wanted, key=lambda name: name != "output")  # whose times an MDF file's other channels take
-    table = read_table(file, [wanted[name].name for name in names], separator=separator, periods=periods)
+    words = {column.name: column.missing_words for column in wanted.values()}
+    columns = [wanted[name].name for name in names]
+    table = read_table(file, columns, separator=separator, periods=periods, missing=words)
     for name in ("", *(column.name for column in wanted.values())):
         if word := table.words.get(name, ""):
             raise ConfigurationError(
@@ -113,6 +115,9 @@ def _read(file: Path, wanted: dict[str, Column], rate_hz: float | None, separato
                 where=f"{file}: {name}" if name else str(file),
                 found=word,
                 expected="numbers; of times also date-times",
+                remedy="a word for a missing value is said in the mapping, missing = 'OVLD' of the column"
+                if name
+                else "",
             )
     values = {name: _numbers(table.columns[column.name], column, name) for name, column in wanted.items()}
     dated = False
@@ -149,8 +154,7 @@ def _numbers(values: Array, column: Column, name: str) -> Array:
 
     Of times it only goes up; anything else may count down, too, and changes by less than half of its range.
     """
-    if column.missing is not None:
-        values = np.where(values == column.missing, np.nan, values)
+    values = np.where(np.isin(values, column.missing_numbers), np.nan, values)
     if column.wraps is None:
         return values
     known = np.isfinite(values)

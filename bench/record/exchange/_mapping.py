@@ -25,15 +25,29 @@ class _Part(BaseModel):
 class Column(_Part):
     """A column by its name in the log, and its unit.
 
-    `missing`: the number that stands for a missing value. `wraps`: where a counter begins anew, in the log's
-    numbers. `recorder`: which one wrote it, where it is in a log of its own.
+    `missing`: numbers and words that stand for a missing value. `wraps`: where a counter begins anew, in the
+    log's numbers. `recorder`: which one wrote it, where it is in a log of its own.
     """
 
     name: str
     unit: str = ""
-    missing: float | None = None
+    missing: float | str | tuple[float | str, ...] = ()
     wraps: float | None = Field(default=None, gt=0.0, le=1e20)
     recorder: str = ""
+
+    @property
+    def missing_words(self) -> tuple[str, ...]:
+        """The words that stand for a missing value."""
+        return tuple(each for each in self._missing if isinstance(each, str))
+
+    @property
+    def missing_numbers(self) -> tuple[float, ...]:
+        """The numbers that stand for a missing value."""
+        return tuple(each for each in self._missing if not isinstance(each, str))
+
+    @property
+    def _missing(self) -> tuple[float | str, ...]:
+        return self.missing if isinstance(self.missing, tuple) else (self.missing,)
 
 
 class Columns(_Part):

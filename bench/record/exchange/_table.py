@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,6 +34,8 @@ _LABELS = ("_label", "_labels", "_names")
 _SHOWN = 20
 _NO_PERIODS: Mapping[str, float] = {}
 Sought = Callable[[str], bool]
+Missing = Mapping[str, Collection[str]]
+_NONE_MISSING: Missing = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,15 +58,17 @@ class Table:
 def read_table(
     file: Path, names: Sequence[str] = (), *, separator: str = "", skip: int | None = None, group: str = "",
     dbc: Sequence[Path] = (), frames: str = "", rate_hz: float | None = None,
-    periods: Mapping[str, float] = _NO_PERIODS, sought: Sought = lambda name: False,
+    periods: Mapping[str, float] = _NO_PERIODS, missing: Missing = _NONE_MISSING,
+    sought: Sought = lambda name: False,
 ) -> Table:  # fmt: skip
     """Read a log, by the ending of its name; `names`: these columns only, all of which must be there.
 
-    `separator` and `skip` (lines before the first row of numbers) are for text, `group` names one of several
-    tables in an NPZ, MAT or HDF5 file, `dbc` decode the CAN frames of an MDF file. `frames`: a description's
-    name or file; the log is the bytes of such a unit at `rate_hz`, of which `group` names a message. Channels
-    of an MDF file are put on the times of the first of `names` (`periods`: by how much a column jumps after a
-    turn); without names, they are those of the group with most channels `sought`, of equal ones the longest.
+    For text are `separator`, `skip` (lines before the first row of numbers) and `missing` (words that stand for
+    a missing value, by column). `group` names one of several tables in an NPZ, MAT or HDF5 file, `dbc` decode the
+    CAN frames of an MDF file. `frames`: a description's name or file; the log is the bytes of such a unit at
+    `rate_hz`, of which `group` names a message. Channels of an MDF file are put on the times of the first of
+    `names` (`periods`: by how much a column jumps after a turn); without names, they are those of the group with
+    most channels `sought`, of equal ones the longest.
     ConfigurationError for a file that cannot be read or lacks a column.
     """
     if not file.is_file():
@@ -94,7 +98,8 @@ def read_table(
             return _lines(file, head, names, group, sought)
         labels, units = _labelled(names, layout.headers, layout.units, file)
         frame, odd = read_rows(file, layout, list(labels))
-        table = _table(frame.rename(columns=labels), layout.decimal, [layout.remark], units, layout.rate_hz)
+        frame = frame.rename(columns=labels)
+        table = _table(frame, layout.decimal, [layout.remark], units, layout.rate_hz, missing)
         return _without_odd(table, odd)
     except ConfigurationError:
         raise
@@ -178,13 +183,14 @@ def _checked(names: Sequence[str], present: Sequence[str], file: Path) -> list[s
 
 
 def _table(
-    frame: pd.DataFrame, decimal: str, remarks: list[str], units: dict[str, str], rate_hz: float | None = None
-) -> Table:
+    frame: pd.DataFrame, decimal: str, remarks: list[str], units: dict[str, str], rate_hz: float | None = None,
+    missing: Missing = _NONE_MISSING,
+) -> Table:  # fmt: skip
     """Return the columns of a frame: numbers as they are, date-times as s since 1970, other text left out."""
     table = Table({}, remarks, units, rate_hz)
     time = ""
     for name, values in frame.items():
-        numbers, word, dated = _numbers(values, decimal)
+        numbers, word, dated = _numbers(values, decimal, missing.get(str(name), ()))
         if word:
             table.words[str(name)] = word
         if numbers is None:
@@ -201,8 +207,13 @@ def _table(
     return Table(table.columns, remarks, units, rate_hz, time, table.words)
 
 
-def _numbers(values: pd.Series, decimal: str) -> tuple[Array | None, str, bool]:
-    """Return numbers (None: text), a cell that is no number, and whether they are made of dates or times."""
+def _numbers(
+    values: pd.Series, decimal: str, missing: Collection[str] = ()
+) -> tuple[Array | None, str, bool]:
+    """Return numbers (None: text), a cell that is no number, and whether they are made of dates or times.
+
+    Cells with one of the words `missing` are empty.
+    """
     import pandas as pd
 
     if pd.api.types.is_numeric_dtype(values):
@@ -211,6 +222,7 @@ def _numbers(values: pd.Series, decimal: str) -> tuple[Array | None, str, bool]:
         values = pd.Timestamp(0) + values
     if not pd.api.types.is_datetime64_any_dtype(values):
         text = values.astype("string").str.strip().str.replace(_CHECKSUM, "", regex=True)
+        text = text.mask(text.isin(list(missing)))
         numbers = pd.to_numeric(text.str.replace(",", ".") if decimal == "," else text, errors="coerce")
         known = text.notna().to_numpy(np.bool_)
         odd = known & ~np.isfinite(numbers.to_numpy(np.float64, na_value=np.nan))

@@ -152,6 +152,13 @@ class Manifest(Shown, _Part):
         return str(self.bench.get("bench", {}).get("name", ""))
 
     @property
+    def elevation_deg(self) -> float:
+        """Elevation of the axis under test: as it was mounted, upright or level; of an imported run as told."""
+        if self.imported is not None and self.imported.elevation_deg is not None:
+            return self.imported.elevation_deg
+        return 90.0 if self.mounting == "axis_up" else 0.0
+
+    @property
     def latitude_deg(self) -> float:
         """Where the bench stands; RecordError if the run does not say so."""
         bench = self.bench.get("bench", {})

@@ -42,7 +42,7 @@ Table = dict[str, NDArray[Any]]
 _E = TypeVar("_E", bound=Event)
 _AT_ONCE_S = 3600
 """Seconds of a gyro's samples in memory at a time."""
-_UPRIGHT_DEG, _NO_RATE_DPH = 90.0, 1e-9
+_NO_RATE_DPH = 1e-9
 
 
 @dataclass(frozen=True)
@@ -241,25 +241,16 @@ class Run(Framed, Shown):
         return self.manifest.measured("azimuth_error") or 0.0
 
     def earth_rate_dph(self, times_s: Array) -> Array:
-        """Return the Earth's rate along the axis under test at times (n,), from elevation and table's angle.
-
-        The axis is upright or level as the unit was mounted; of an imported run the mapping says its elevation.
-        ConfigurationError where nothing says which way an axis points that is not upright.
-        """
-        manifest = self.manifest
-        elevation = math.radians(_UPRIGHT_DEG if manifest.mounting == "axis_up" else 0.0)
-        if manifest.imported is not None and manifest.imported.elevation_deg is not None:
-            elevation = math.radians(manifest.imported.elevation_deg)
-        up = math.sin(elevation) * earth_rate_up_dph(manifest.latitude_deg)
-        north = math.cos(elevation) * earth_rate_north_dph(manifest.latitude_deg)
+        """Return the Earth's rate along the axis, (n,); ConfigurationError if nothing says its azimuth."""
+        elevation = math.radians(self.manifest.elevation_deg)
+        up = math.sin(elevation) * earth_rate_up_dph(self.manifest.latitude_deg)
+        north = math.cos(elevation) * earth_rate_north_dph(self.manifest.latitude_deg)
         if abs(north) < _NO_RATE_DPH:
             return np.full(len(times_s), up)
-        if manifest.imported is not None and "turntable" not in self.tables:
+        if self.manifest.imported is not None and "turntable" not in self.tables:
             raise ConfigurationError(
-                "nothing says which way the axis points: the Earth's rate in its output is not known",
+                "nothing says which way the axis points: no column angle, and no angle_deg in [[run]]",
                 where=str(self.place),
-                found="no column angle in the mapping, and no angle_deg in its [[run]]",
-                expected="the table's angle, 0 where the axis points north",
                 remedy="say angle_deg in [[run]], or elevation_deg = 90 for an upright axis, and import again",
             )
         angle = self.table_angle_deg(times_s) + self.azimuth_error_deg

@@ -20,7 +20,7 @@ from bench.analysis.calibration import (
     evaluate,
     load_scheme,
 )
-from bench.analysis.calibration._calibrate import read_increments
+from bench.analysis.calibration._calibrate import load_record
 from bench.analysis.calibration._conventions import unpack
 from bench.analysis.common.uncertainty import Budget, Contribution
 from bench.present.cli import _scheme as commands
@@ -107,17 +107,16 @@ def test_unreadable_records_are_named(tmp_path: Path) -> None:
         path = tmp_path / "bad.csv"
         path.write_text(text)
         with pytest.raises((ConfigurationError, RecordError), match=match):
-            read_increments(path)
+            load_record(path, scheme="19-position", latitude_deg=48.0)
 
     refused("time_s,gyro_x_dps\n0,1\n", "no such column")
     refused(f"{HEADER}\n", "cannot be read")
     refused(f"{HEADER}\n0,a,b,c,d,e,f\n", "cannot be read")
     refused(f"{HEADER}\n0,0,0,0,0,0,9.8\n", "empty")
     refused(f"{HEADER}\n0,0,0,0,0,0,9.8\n0.01,0,zz,0,0,0,9.8\n", "not one of numbers")
-    rows = "".join(f"{time},0,0,0,0,0,9.8\n" for time in (0.00, 0.01, 0.02, 0.05, 0.06))
-    refused(f"{HEADER}\n{rows}", "samples are missing")
+    refused(f"{HEADER}\n0.01,0,0,0,0,0,9.8\n0.00,0,0,0,0,0,9.8\n", "do not grow")
     with pytest.raises(ConfigurationError, match="cannot be read"):
-        read_increments(tmp_path / "none.csv")
+        load_record(tmp_path / "none.csv", scheme="19-position", latitude_deg=48.0)
 
 
 def test_the_page_of_a_scheme_shows_every_state_against_its_target(tmp_path: Path) -> None:

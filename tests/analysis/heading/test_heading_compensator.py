@@ -20,7 +20,7 @@ from bench.analysis.heading import (
     regressors,
     stays,
 )
-from bench.analysis.heading._checks import check_log, check_phase, phase_offset_deg, refuse_unsound
+from bench.analysis.heading._checks import STUCK_S, check_log, check_phase, phase_offset_deg, refuse_unsound
 from bench.analysis.heading._frames import position_error
 from bench.analysis.heading._lagged import Evidence, fit_lagged
 from bench.analysis.heading._log import Site, log_from_positions
@@ -149,6 +149,19 @@ def test_stuck_sensor(calibration: tuple[PlatformLog, PlatformLog]) -> None:
     temp[1000:2500] = temp[1000]
     text = named(replace(calibration[1], temp_c=temp))
     assert "stuck" in text and "124.9 h" in text and "no temperature change" in text
+
+
+def test_a_slow_temperature_in_coarse_digits_is_not_stuck(
+    calibration: tuple[PlatformLog, PlatformLog],
+) -> None:
+    """Where it turns, a swing of 0.1 K a day stays for hours within a digit of 0.05 K."""
+    run = calibration[1]
+    still = run.time_s > run.time_s[2000]
+    swing = 60.0 + 0.1 * np.sin(2.0 * np.pi * run.time_s / 86_400.0)
+    temp = 0.05 * np.round(np.where(still, swing, run.temp_c) / 0.05)
+    changes_s = run.time_s[np.flatnonzero(np.diff(temp))]
+    assert np.diff(changes_s).max() > STUCK_S
+    assert not any("stuck" in finding.what for finding in check_log(replace(run, temp_c=temp)))
 
 
 def test_swapped_sensors(calibration: tuple[PlatformLog, PlatformLog]) -> None:

@@ -466,3 +466,14 @@ def test_a_mapping_of_an_imu_names_all_its_axes(tmp_path):
         "xyz"
     )
     assert mapping.columns.accelerometers["z"].name.startswith("acc_z")
+
+
+def test_a_temperature_in_ms_is_a_french_time(tmp_path):
+    time_ms = 5.0 * np.arange(4000.0)
+    rates = np.random.default_rng(2).normal(0.0, 0.01, 4000)
+    temps = 23.0 + 1e-4 * np.arange(4000.0)
+    head = "Temps [ms];Gyro Z [deg/s];Température [°C]"
+    path = written(tmp_path / "fr.csv", {"a": time_ms, "b": rates, "c": temps}, ";", head)
+    found = look(path)
+    assert found.columns.time is not None and found.columns.time.name == "Temps"
+    assert [axis.channel.name for axis in found.axes] == ["Gyro Z"]

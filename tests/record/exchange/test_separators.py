@@ -82,3 +82,23 @@ def test_a_run_began_when_its_log_says(tmp_path: Path, times: list[str], began: 
 def test_seconds_since_somewhere_are_no_date(tmp_path: Path) -> None:
     run = imported(tmp_path, text(",", times=[f"{86_400 + k}" for k in range(ROWS)]))
     assert not run.manifest.started_utc.startswith("1970")
+
+
+@pytest.mark.parametrize(
+    ("told", "cells"), [('"---"', ["---"]), ('["---", "OVLD", -99.0]', ["---", "OVLD", "-99", "-99.0"])]
+)
+def test_words_and_numbers_of_a_mapping_are_missing_values(
+    tmp_path: Path, told: str, cells: list[str]
+) -> None:
+    lines = text(",").splitlines()
+    for row, cell in enumerate(cells, 5):
+        time, _, temp = lines[row].split(",")
+        lines[row] = f"{time},{cell},{temp}"
+    log = "\n".join(lines)
+    if not cells[0].startswith("-9"):
+        with pytest.raises(ConfigurationError, match="not one of numbers") as wrong:
+            imported(tmp_path, log)
+        assert "missing = 'OVLD'" in wrong.value.remedy
+    run = imported(tmp_path, log, MAPPING.replace('unit = "deg/h" }', f'unit = "deg/h", missing = {told} }}'))
+    valid = run.gyro("gyro")["valid"]
+    assert [row for row in range(ROWS) if not valid[row]] == [4 + k for k in range(len(cells))]

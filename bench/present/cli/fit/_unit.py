@@ -96,7 +96,8 @@ def calibration(
     record: Annotated[
         Path,
         Argument(
-            help="run folder of system-calibration, log of the IMU that import reads, or a mapping file"
+            help="run folder of system-calibration; or of another bench an imported run, a mapping file, or a "
+            "log with columns time_s, gyro_x_dps .. and accelerometer_x_mps2 .."
         ),
     ],
     scheme: Annotated[str | None, Option(help="scheme that was turned; a run says it itself")] = None,
