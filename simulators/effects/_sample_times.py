@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+
 import numpy as np
 
 from drivers.base.arrays import Array
@@ -9,6 +12,8 @@ from simulators.effects._channel import ChannelEffect, ChannelInputs, Values
 from simulators.effects._effect import PPM, Effect, Input, Parameter, Shape, Unit
 from simulators.effects._stimulus import Stimulus
 
+_LONGEST, _STEADY = 3, 0.005
+"""Samples of a change of rate that is looked at as one, and part of it that is none."""
 _SIDES: tuple[Shape, ...] = tuple({"side": side} for side in (0.0, 0.5, -0.5, 1.0, -1.0))
 
 
@@ -28,11 +33,54 @@ def _change(s: Stimulus, shape: Shape) -> Array:
 
 
 def _edges(rate: Array) -> Array:
-    """Return the rate at samples' edges if its changes begin or end there, or it is smooth, (5, n + 1)."""
+    """Return the rate at samples' edges if its changes begin or end there, or it is smooth, (5, n + 1).
+
+    A change from one steady rate to another within three samples is one of constant acceleration in all of them,
+    wherever in its samples it begins and ends.
+    """
     forward, backward = _edge_values(rate), _edge_values(rate[::-1])[::-1]
     late = np.append(rate, rate[-1])
     early = np.insert(rate, 0, rate[0])
-    return np.stack((early, backward, _smooth_edges(rate), forward, late))
+    edges = np.stack((early, backward, _smooth_edges(rate), forward, late))
+    for first, values in _transitions(rate):
+        edges[:, first : first + len(values)] = values
+    return edges
+
+
+def _transitions(means: Array) -> Iterator[tuple[int, list[float]]]:
+    """Yield each change of a few samples between steady means (n,): its first edge, and the values at its edges.
+
+    In one sample it has both steady values at its edges. Of constant acceleration, of which the mean of a part of
+    a sample goes with the square of the value at its inner edge, in two and three the inner edges follow.
+    """
+    step = np.diff(means)
+    size = np.abs(step)
+    # what is small beside the changes about it is steady: codes of an angle, a servo's ripple
+    wide = np.pad(size, _LONGEST, mode="edge")
+    largest = np.lib.stride_tricks.sliding_window_view(wide, 2 * _LONGEST + 1).max(axis=1)
+    moving = size > np.maximum(_STEADY * largest, 1e-9)
+    ends = np.flatnonzero(np.diff(np.concatenate(([False], moving, [False])).astype(np.int8)))
+    for start, stop in ends.reshape(-1, 2).tolist():
+        inner = stop - start - 1
+        if not 1 <= inner <= _LONGEST or start == 0 or stop == len(step):
+            continue
+        before, after = float(means[start]), float(means[stop])
+        if before == after:
+            continue
+        # from 0 to 1
+        parts = [(float(each) - before) / (after - before) for each in means[start + 1 : stop]]
+        if not all(0.0 <= part <= 1.0 for part in parts):
+            continue
+        if inner == 1:
+            inside: list[float] = []
+        elif inner == 2:
+            low, high = math.sqrt(parts[0]), math.sqrt(1.0 - parts[1])
+            inside = [low / (low + high) if low + high > 0.0 else 0.5]
+        else:
+            reach = parts[1] + 2.0 * parts[0]
+            grows = 2.0 * (reach - math.sqrt(max(reach**2 - parts[1] ** 2, 0.0)))
+            inside = [min(max(parts[1] + side * grows, 0.0), 1.0) for side in (-0.5, 0.5)]
+        yield start + 1, [before, *(before + part * (after - before) for part in inside), after]
 
 
 def _smooth_edges(means: Array) -> Array:

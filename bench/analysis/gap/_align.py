@@ -27,6 +27,8 @@ _CLEAR = 0.5
 """A shift must leave at most this part of the energy that no shift leaves."""
 _PASSES, _NEAR_MS = 8, 1e-3
 """Steps to the offset, and how small the last one is."""
+_DOUBT = 0.1
+"""Part of what an offset does at a corner of the rate that its unknown course within a row may be."""
 _SHOWS = 9.0
 """Energy of what is of second order, and of what is left, in variances of the noise, from which it counts."""
 
@@ -61,10 +63,40 @@ def offset_ms(runs: Sequence[GapRun], model: Model) -> float:
 
     Other effects that act where the rate changes can make it wrong by some ms, which is of second order then.
     """
+    swings = [_Swing(run) for run in runs]
+    found = _found_ms(swings, model)
+    noises = (swing.sigma_dph(found * swing.over(found)) for swing in swings)
+    quietest = min((sigma for sigma in noises if sigma > 0.0), default=0.0)
+    return found if sum(swing.bend(found) for swing in swings) > _SHOWS * quietest**2 else 0.0
+
+
+def without_corners(runs: Sequence[GapRun], model: Model) -> list[GapRun]:
+    """Return the runs without the rows at corners of the rate that show less than an offset leaves in doubt.
+
+    Where the model has an offset, its size is known and no gap; how a table goes round a corner within a row is
+    not, and moves that row by a tenth of what the offset does. Without one in the model every row is kept: it is
+    looked for.
+    """
+    if all(term.name != _TIME_OFFSET for term in model.terms):
+        return list(runs)
+    swings = [_Swing(run) for run in runs]
+    found = _found_ms(swings, model)
+    result = []
+    for swing in swings:
+        doubt = _DOUBT * abs(found) * swing.corners
+        hidden = doubt > swing.sigma_dph(found * swing.over(found))
+        run = swing.run
+        result.append(
+            replace(run, output_dph=np.where(hidden, np.nan, run.output_dph)) if hidden.any() else run
+        )
+    return result
+
+
+def _found_ms(swings: Sequence[_Swing], model: Model) -> float:
+    """Return the offset that runs show, with what the model says of it, ms."""
     known = [term for term in model.terms if term.name == _TIME_OFFSET]
     said_ms = sum(term.values[0] for term in known)
     told = 1.0 / sum(term.sigmas[0] ** 2 for term in known) if known else 0.0
-    swings = [_Swing(run) for run in runs]
     fit, found = _fitted(swings, [swing.at_once for swing in swings]), said_ms
     for _ in range(_PASSES):
         if not fit.weight + told:
@@ -74,9 +106,7 @@ def offset_ms(runs: Sequence[GapRun], model: Model) -> float:
         fit = _fitted(swings, [swing.over(found) for swing in swings])
         if abs(found - before) < _NEAR_MS:
             break
-    noises = (swing.sigma_dph(found * swing.over(found)) for swing in swings)
-    quietest = min((sigma for sigma in noises if sigma > 0.0), default=0.0)
-    return found if sum(swing.bend(found) for swing in swings) > _SHOWS * quietest**2 else 0.0
+    return found
 
 
 def over_offset(runs: Sequence[GapRun], early_ms: float) -> list[GapRun]:
@@ -87,9 +117,7 @@ def over_offset(runs: Sequence[GapRun], early_ms: float) -> list[GapRun]:
     """
     if not early_ms:
         return list(runs)
-    effect = catalogue()[_TIME_OFFSET]
-    assert isinstance(effect, Effect)
-    forms = effect.variants()
+    forms = _effect().variants()
     result = []
     for run in runs:
         swing = _Swing(run)
@@ -115,8 +143,22 @@ class _Swing:
     @cached_property
     def at_once(self) -> Array:
         """What the first ms of an offset does, deg/h (n,)."""
+        return np.asarray(
+            _effect().columns(replace(self.run.stimulus, over_offset_dph=None), {"side": 0.0})[0]
+        )
+
+    @cached_property
+    def corners(self) -> Array:
+        """How much each ms of an offset does within a row where the rate changes at once, deg/h (n,).
+
+        By third differences of the rate: of a motion that rows resolve they are small.
+        """
         s = self.run.stimulus
-        return np.asarray(1e-3 * np.gradient(s.input_rate_dph, s.period_s))
+        bent = np.abs(
+            np.diff(s.input_rate_dph, 3, prepend=[s.input_rate_dph[0]] * 2, append=s.input_rate_dph[-1:])
+        )
+        near = np.pad(bent, 1, mode="edge")
+        return np.asarray(1e-3 / s.period_s * np.maximum.reduce([near[:-2], bent, near[2:]]) / 3.0)
 
     @cached_property
     def between(self) -> CubicSpline:
@@ -159,6 +201,12 @@ class _Swing:
         """Return the noise from sample to sample beside what an offset does; 0 where none is seen."""
         jumps = np.abs(self.jumps(self.error_dph - does_dph))
         return SIGMA_OF_SECOND_DIFFERENCES * float(np.median(jumps)) if len(jumps) else 0.0
+
+
+def _effect() -> Effect:
+    effect = catalogue()[_TIME_OFFSET]
+    assert isinstance(effect, Effect)
+    return effect
 
 
 class _Fit(NamedTuple):

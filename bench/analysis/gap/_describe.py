@@ -118,14 +118,17 @@ def crowd_part(names: Sequence[str]) -> UnknownPart:
 
 
 def _jumping_part(jumps: Jumps) -> UnknownPart:
-    """Describe what steps in one repeat and not in another."""
+    """Describe what steps in one repeat and not in another, or while nothing about it changes."""
+    where = (
+        "in one repeat and not in the other" if jumps.repeated else "while temperature and table stand still"
+    )
     others = f", {jumps.number} such steps in all" if jumps.number > 1 else ""
     sentence = (
-        f"It steps in one repeat and not in the other: by {jumps.size_dph:.3g} deg/h in {jumps.run_id} about "
+        f"It steps {where}: by {jumps.size_dph:.3g} deg/h in {jumps.run_id} about "
         f"{jumps.at_s / 60.0:.0f} min after its start{others}. Look for what has two states: a contact, a crack, "
         "a trim or a loop that latches, telegraph noise."
     )
-    return UnknownPart("the repeat", sentence)
+    return UnknownPart("the repeat" if jumps.repeated else "time", sentence)
 
 
 def shaken_part(noise: Noise, finest_arcsec: float) -> UnknownPart:

@@ -23,6 +23,8 @@ from drivers.base.constants import DPH_PER_DPS
 from drivers.base.errors import ConfigurationError
 from simulators.effects import Stimulus
 
+_BENT_DEG = 0.5
+"""Second difference of a row's elevation from which on nobody knows what it was within the row."""
 _ENOUGH_STEPS = 256
 """Steps of a second that a log must have; one of fewer and of many rows is cut more finely."""
 _WHOLE, _ROWS, _MOST_STEPS = 0.65, 1.5, 50_000
@@ -135,6 +137,12 @@ def _steps(log: Log, held: NDArray[np.bool_]) -> tuple[Steps, Array | None]:
     rows = log.columns["output"]
     use, time_s, stamped = ~np.isnan(rows) & ~held, log.time_s - log.time_s[0], False
     turned_deg = log.columns.get("angle")
+    if "elevation" in log.columns:
+        bent = (
+            np.abs(np.diff(_within(log.columns["elevation"]), 2, prepend=np.nan, append=np.nan)) > _BENT_DEG
+        )
+        # of a jump within a row only the rows beside it are bent
+        use &= ~(bent | np.append(bent[1:], False) | np.append(False, bent[:-1]))
     if turned_deg is not None:
         # without the angle at both ends of a row nobody knows how far the table turned in it
         known = ~np.isnan(turned_deg)
@@ -153,6 +161,11 @@ def _steps(log: Log, held: NDArray[np.bool_]) -> tuple[Steps, Array | None]:
     ):
         steps = Steps.of(time_s, use, 0.5 * steps.period_s, stamped=stamped)
     return steps, turned_deg
+
+
+def _within(ends_deg: Array) -> Array:
+    """Return an angle within each row of its values at the rows' ends, (n,)."""
+    return np.append(ends_deg[:1], 0.5 * (ends_deg[1:] + ends_deg[:-1]))
 
 
 def _stimulus(
@@ -176,7 +189,7 @@ def _stimulus(
     if around.elevation_deg is not None:
         elevation = around.elevation_deg
     if "elevation" in log.columns:
-        elevation = interpolated(steps.means(log.columns["elevation"]))
+        elevation = interpolated(steps.means(_within(log.columns["elevation"])))
     t_in, t_out = (
         interpolated(steps.means(log.columns[key])) if key in log.columns else None
         for key in ("t_in", "t_out")

@@ -17,6 +17,7 @@ from scipy.ndimage import median_filter
 from bench.analysis.gap._cells import power_in
 from bench.analysis.gap._fit import Solution
 from bench.analysis.gap._prepare import Prepared
+from bench.analysis.gap._stochastic import is_quiet
 from bench.analysis.gap._which import left_of_runs
 from drivers.base.arrays import Array
 from simulators.effects import STEADY_DPS, Stimulus
@@ -35,19 +36,26 @@ _NEAR = 61
 
 @dataclass(frozen=True)
 class Jumps:
-    """How many jumps there are, and the sharpest: in which run, how long after its start, by how much."""
+    """How many jumps there are, and the sharpest: in which run, how long after its start, by how much.
+
+    `repeated`: that run has repeats, which do not jump there.
+    """
 
     number: int
     run_id: str
     at_s: float
     size_dph: float
+    repeated: bool
 
 
-def find_jumps(data: Prepared, solution: Solution) -> Jumps | None:
-    """Return the jumps in what a solution leaves of runs that have repeats; None where there are none."""
+def find_jumps(data: Prepared, solution: Solution, *, alone: bool) -> Jumps | None:
+    """Return the jumps in what a solution leaves of runs that have repeats; None where there are none.
+
+    `alone`: also in runs without repeats, where temperature and table stand still.
+    """
     number, sharpest, result = 0, _SHARP, None
     for group, left in zip(data.groups, left_of_runs(data, solution), strict=True):
-        if len(group.flat) == len(group.runs):
+        if len(group.flat) == len(group.runs) and not alone:
             continue
         period_s, n = group.flat[0].stimulus.period_s, left.shape[1] + 1
         coefficients = np.zeros((len(left), n))
@@ -58,11 +66,11 @@ def find_jumps(data: Prepared, solution: Solution) -> Jumps | None:
         for repeats in group.runs:
             own = curves[first : first + len(repeats)]
             first += len(repeats)
-            if len(repeats) == 1:
+            if len(repeats) == 1 and not (alone and is_quiet(repeats[0])):
                 continue
             known = ~np.any([run.missing for run in repeats], axis=0)
             for ratio, at_s, width_s in _places_s(
-                own - own.mean(axis=0), known, _moves(repeats[0].stimulus), power, period_s
+                own - own.mean(axis=0) * (len(own) > 1), known, _moves(repeats[0].stimulus), power, period_s
             ):
                 sizes = _steps(own, round(width_s / period_s), round(at_s / period_s))
                 run = int(np.abs(sizes).argmax())
@@ -74,7 +82,8 @@ def find_jumps(data: Prepared, solution: Solution) -> Jumps | None:
                     continue
                 number += 1
                 if ratio > sharpest:
-                    sharpest, result = ratio, (repeats[run].run_id, at_s, float(sizes[run]))
+                    sharpest = ratio
+                    result = (repeats[run].run_id, at_s, float(sizes[run]), len(repeats) > 1)
     return None if result is None else Jumps(number, *result)
 
 
@@ -109,7 +118,9 @@ def _places_s(
         steps = np.abs(after - before)
         usual = np.median(steps[:, seen], axis=1, keepdims=True)
         near = median_filter(np.where(seen, steps, usual), (1, _NEAR), mode="reflect")
-        usual = np.maximum(usual, 0.6745 * math.sqrt(1.0 - 1.0 / len(apart)) * _of_noise(power, width))
+        usual = np.maximum(
+            usual, 0.6745 * math.sqrt(1.0 - 1.0 / max(len(apart), 2)) * _of_noise(power, width)
+        )
         ratio = 0.6745 * (steps / np.maximum(np.maximum(usual, near), 1e-300)).max(axis=0)
         block_s = width * period_s
         found += [

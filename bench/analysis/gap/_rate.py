@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bench.analysis.gap._aliases import in_rows
-from bench.analysis.gap._align import aligned, offset_ms
+from bench.analysis.gap._align import aligned, offset_ms, without_corners
 from bench.analysis.gap._candidates import candidate_variants
 from bench.analysis.gap._causes import (
     causes_of,
@@ -124,6 +124,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
     def prepare(self, runs: Sequence[GapRun], model: Model) -> _Ready:
         check_runs(runs)
         shifted, notes = aligned(by_length(runs))
+        shifted = without_corners(shifted, model)
         early_ms = offset_ms(shifted, model)
         steady, read = as_turned(shifted, early_ms)
         notes += read + [f"{run.run_id}: {remark}" for run in runs for remark in run.remarks]
@@ -145,7 +146,8 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         best, ready, disturbed, runs = found.best, found.data, data.disturbed, data.disturbed.runs
         causes, resembles = causes_of(found, variants, data.model)
         weights = set_weights(found.judged)
-        jumps = find_jumps(ready, best.solution)
+        # a level that steps has the spectrum of a random walk: runs without repeats are looked at for it, too
+        jumps = find_jumps(ready, best.solution, alone=bool(ready.noise.named))
         differs = max(ready.noise.differs, _JUMPS if jumps else 0.0)
         left = places(ready.cells, best.left, ready.floor)
         below = _left_by_codes(ready.groups, left)
@@ -180,7 +182,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         finding = RateFinding(
             signal="rate",
             unit="deg/h",
-            verdict=_verdict(bool(causes or stochastic), unknown, runs, shaken),
+            verdict=_verdict(bool(causes or stochastic), unknown, runs, max(shaken, differs)),
             causes=causes,
             places=tuple(where),
             left=tuple(left),
@@ -239,7 +241,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
     def judged(
         self, finding: RateFinding, data: _Ready, sets: _Sets, held_out: Sequence[GapRun]
     ) -> RateFinding:
-        held_out, _ = as_turned(aligned(held_out)[0], data.early_ms)
+        held_out, _ = as_turned(without_corners(aligned(held_out)[0], data.model), data.early_ms)
         parts = self._holding(finding, data, sets, held_out)
         held = {cause.name: part for cause, part in zip(finding.causes, parts, strict=True)}
         finding = replace(_doubted(finding, parts, "in held-out runs"), held=held)
@@ -330,8 +332,9 @@ def _doubted(finding: RateFinding, parts: Sequence[float], where: str) -> RateFi
     )
 
 
-def _verdict(named: bool, unknown: float, runs: Sequence[GapRun], shaken: float) -> str:
-    if not named and shaken < 0.5 and _constant(runs):
+def _verdict(named: bool, unknown: float, runs: Sequence[GapRun], at_rest: float) -> str:
+    """Return the verdict; `at_rest` is the probability of what shows in runs in which nothing changes, too."""
+    if not named and at_rest < 0.5 and _constant(runs):
         return "nothing to identify"
     if unknown > 0.5:
         return "explained in part" if named else "unknown"

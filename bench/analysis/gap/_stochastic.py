@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import softmax
 
 from bench.analysis.gap._cells import left_of_noise, mixed_whitened, mixing, power_in
-from bench.analysis.gap._data import Group
+from bench.analysis.gap._data import GapRun, Group
 from bench.analysis.gap._fit import solve
 from bench.analysis.gap._noise import (
     CORRELATED,
@@ -44,7 +44,7 @@ _CORRELATIONS = tuple(
     (order, time_s) for order in (1, 2) for time_s in (20.0, 60.0, 200.0, 600.0, 2000.0, 6000.0)
 )
 _DIFFERS_PENALTY = 10.0
-_QUIET_SPAN_K = 2.0
+_QUIET_SPAN_K, _STILL_DPS = 2.0, 0.01
 _MOSTLY = 0.3
 """Part of the power from which the angle's codes are told from the gyro's own noise."""
 REPEATS = "differences of repeats"
@@ -159,12 +159,17 @@ def floor_data(
     quiet = []
     for group, stack in zip(groups, stacks, strict=True):
         for run, own in zip(group.flat, stack, strict=True):
-            still = np.ptp(run.stimulus.warm_k) < _QUIET_SPAN_K and np.ptp(run.stimulus.table_rate_dps) < 0.01
-            if still:
+            if is_quiet(run):
                 alone = Group(group.profile, ("0",), ((run,),))
                 left = _less_nominal(mixed_whitened(alone, own[None], sheet), sigmas)
                 quiet.append(_coloured(group, left, sheet, skip=5))
     return quiet, "quiet runs" if quiet else DATA_SHEET
+
+
+def is_quiet(run: GapRun) -> bool:
+    """Return whether temperature and table stand still in a run."""
+    span_k, span_dps = np.ptp(run.stimulus.warm_k), np.ptp(run.stimulus.table_rate_dps)
+    return bool(span_k < _QUIET_SPAN_K and span_dps < _STILL_DPS)
 
 
 def shared_codes(group: Group, stack: NDArray[Any], sheet: Noise, sigmas: Array) -> float:
