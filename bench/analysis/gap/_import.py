@@ -189,7 +189,7 @@ def _stimulus(
     if around.elevation_deg is not None:
         elevation = around.elevation_deg
     if "elevation" in log.columns:
-        elevation = interpolated(steps.means(_within(log.columns["elevation"])))
+        elevation = interpolated(steps.means(_within(log.columns["elevation"]), steps.use))
     t_in, t_out = (
         interpolated(steps.means(log.columns[key])) if key in log.columns else None
         for key in ("t_in", "t_out")
