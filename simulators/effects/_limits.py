@@ -6,6 +6,7 @@ slope. Whether it is the cause is then a matter of evidence like that of every o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -18,6 +19,8 @@ from simulators.effects._stimulus import Stimulus
 _SHARE = Unit("share")
 _MOST = 1.2
 """Bound of the part of the formula that is there; 1 is all of it."""
+_SURELY = 2.0
+"""Standard deviations below nothing from which on it is less than nothing."""
 _LEAST_CUT = 0.004
 """Part of the rate that must be missing beyond a limit; nobody's scale factor bends so much so suddenly."""
 _LEANS = (-0.05, 0.0, 0.05)
@@ -52,6 +55,11 @@ def _dead_zone(s: Stimulus, shape: Shape) -> Array:
 
 def _lock_in(s: Stimulus, shape: Shape) -> Array:
     return np.asarray(_beat(s.input_rate_dph, shape["lock_dph"]) - s.input_rate_dph)
+
+
+def _takes_away(values: Array, covariance: Array) -> bool:
+    """Return whether a part of the rate may be missing: a limit or a band takes away and adds nothing."""
+    return bool(values[0] > -_SURELY * math.sqrt(covariance[0, 0]))
 
 
 def _without_band(rate: Array, band: float) -> Array:
@@ -211,6 +219,7 @@ LIMIT_EFFECTS = (
         "Output stays at a limit however fast the unit turns.",
         ({"limit_dps": 100.0, "softness": 0.0, "lean": 0.0},),
         propose=_limits,
+        possible=_takes_away,
     ),
     Effect(
         "dead_zone",
@@ -222,6 +231,7 @@ LIMIT_EFFECTS = (
         "Small rates give no output.",
         ({"band_dph": 10.0, "softness": 0.0},),
         propose=_bands,
+        possible=_takes_away,
     ),
     Effect(
         "lock_in",
@@ -233,5 +243,6 @@ LIMIT_EFFECTS = (
         "Small rates give no output and those a little larger too little: the beams lock.",
         ({"lock_dph": 10.0},),
         propose=lambda rates: _grid("lock_dph", _band_dph(rates, _locks, _beat)),
+        possible=_takes_away,
     ),
 )

@@ -344,3 +344,12 @@ def test_where_repeats_differ_a_cause_is_there_in_every_one_of_them(monkeypatch)
     assert found.causes == causes[:1] and found.resembles == causes[1:]
     assert found.verdict == "explained in part"
     assert found.warnings[-1] == "not named, less than half of it is there in every repeat: bias_quadratic"
+
+
+@pytest.mark.parametrize("name", ["saturation", "dead_zone", "lock_in"])
+def test_a_limit_or_a_band_adds_nothing(name: str) -> None:
+    """A part of minus 8 % that is known to 1 % is less than nothing; one known to 5 % may be nothing."""
+    limit = effect(name)
+    assert limit.possible(np.array([0.3]), np.array([[1e-4]]))
+    assert limit.possible(np.array([-0.08]), np.array([[25e-4]]))
+    assert not limit.possible(np.array([-0.08]), np.array([[1e-4]]))
