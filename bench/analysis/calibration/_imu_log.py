@@ -16,6 +16,7 @@ from drivers.base.arrays import Array
 from drivers.base.errors import ConfigurationError, RecordError
 
 _COLUMNS = [f"gyro_{axis}_dps" for axis in AXES] + [f"accelerometer_{axis}_mps2" for axis in AXES]
+_MOST_MISSING = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,5 +78,12 @@ def _even(
     if not (np.diff(time_s) > 0.0).all():
         raise RecordError("times of the record do not grow", where=str(file))
     place, period_s = row_places(time_s)
+    if place[-1] > _MOST_MISSING * len(values):
+        raise RecordError(
+            "most of the record is missing",
+            where=str(file),
+            found=f"{len(values)} rows {period_s:.4g} s apart in {time_s[-1] - time_s[0]:.0f} s",
+            expected="one record without long pauses",
+        )
     even = on_grid(place, values)
     return ImuLog(file, period_s, even[:, : len(AXES)], even[:, len(AXES) :], unit_id, latitude_deg)

@@ -14,7 +14,7 @@ from bench.analysis.calibration._navigation import Increments
 from bench.analysis.calibration._schedule import Schedule, home_attitude, parse_moves
 from bench.analysis.calibration._table import Table
 from bench.analysis.calibration._turning import table_axes, table_type
-from bench.analysis.calibration._whole import whole
+from bench.analysis.calibration._whole import LONGEST_S, whole
 from bench.analysis.common.statistics import on_grid
 from bench.record.benchfile import Calibration, bench_file_from, calibrations_of
 from bench.record.events.run import Scheme
@@ -147,6 +147,14 @@ def _increments(
     values = np.column_stack([np.asarray(table[column], dtype=np.float64) for column in columns])
     values[~table["valid"]] = np.nan  # marked as faulty by the unit
     lost = np.concatenate(([0], table["lost_before"][1:].astype(np.int64)))
+    if lost.max() > LONGEST_S * rate_hz:
+        raise RecordError(
+            "samples are missing",
+            where=f"gyro {name}, {table['time_ns'][lost.argmax()] / 1e9:.2f} s",
+            found=f"{lost.max()} of them",
+            expected=f"at most {LONGEST_S:g} s, and at rest",
+            remedy="check cable, baud rate and load of the host, then run the scheme again",
+        )
     even = on_grid(np.arange(len(values)) + np.cumsum(lost), values)
     return increments_of(even[:, :3], even[:, 3:], 1.0 / rate_hz, f"gyro {name}")
 

@@ -15,7 +15,7 @@ from drivers.base.errors import RecordError
 
 _REST_DPS = 0.1
 """Mean rate over a second beside a gyro's usual one, which is that of its rests, from which on the unit turns."""
-_LONGEST_S = 5.0
+LONGEST_S = 5.0
 _BESIDE_S = 1.0
 """How much of the record on either side says what is missing."""
 
@@ -33,12 +33,12 @@ def whole(
     missing = np.asarray(np.isnan(values).any(axis=1))
     for start, stop in stretches(missing).tolist():
         still = bool(rest[start:stop].all())
-        if not still or (stop - start) * period_s > _LONGEST_S:
+        if not still or (stop - start) * period_s > LONGEST_S:
             raise RecordError(
                 "samples are missing",
                 where=f"{where}, {start * period_s:.2f} s",
                 found=f"{stop - start} of them, {'at rest' if still else 'while the unit turns'}",
-                expected=f"at rest at most {_LONGEST_S:g} s, in a turn none: a lost increment cannot be made up",
+                expected=f"at rest at most {LONGEST_S:g} s, in a turn none: a lost increment cannot be made up",
                 remedy="check cable, baud rate and load of the host, then run the scheme again",
             )
     found = []

@@ -17,6 +17,8 @@ _FAR = 8.0
 _MAD = 1.4826
 _WIDTH = 5
 _FEWEST = 32
+_SLOW_S = 1.05
+"""Time between rows from which on seconds without one are usual."""
 _MOST = 0.01
 """Part of the values that may be far off: of more, it is the noise that has tails."""
 
@@ -81,7 +83,7 @@ def far_off(values: Array) -> tuple[NDArray[np.int64], Array]:
 
 def since_last(values: Array, period_s: float) -> Array:
     """Return 1 s values, (n,), of rows `period_s` apart: each second since the last row is the next one's."""
-    if period_s <= 1.0:
+    if period_s <= _SLOW_S:
         return values
     at = np.arange(len(values))
     last = max(len(values) - 1, 0)

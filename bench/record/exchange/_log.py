@@ -35,6 +35,7 @@ _QUANTITIES = {
     "door": OPENING,
 }  # fmt: skip
 _TURN_DEG = 360.0
+_DAY_S = 86_400.0
 _UNIX_S = 1e9, 4e9
 """Numbers that can only be Unix times: 2001 to 2096."""
 _VALID_RATES = ("output", "rate_x", "rate_y", "rate_z")
@@ -85,7 +86,8 @@ def read_log(file: Path, mapping: Mapping) -> Log:
     if "valid" in columns:
         invalid = ~(np.nan_to_num(columns.pop("valid")) != 0.0)
         columns |= {n: np.where(invalid, np.nan, columns[n]) for n in _VALID_RATES if n in columns}
-    since_1970 = dated or bool(_UNIX_S[0] <= log.time_s[0] < _UNIX_S[1])
+    # a time of day has no date
+    since_1970 = bool((dated and log.time_s[0] > _DAY_S) or _UNIX_S[0] <= log.time_s[0] < _UNIX_S[1])
     return Log(log.time_s, columns, tuple(remarks), other_rows, since_1970)
 
 

@@ -97,6 +97,20 @@ def test_rows_have_their_places_however_their_stamps_scatter(
     assert period_s == pytest.approx(0.0200003, rel=1e-3)
 
 
+def test_a_log_that_is_mostly_pause_is_refused(tmp_path: Path) -> None:
+    rows = np.zeros((100, 7))
+    rows[:, 0] = 0.02 * np.arange(100.0)
+    rows[50:, 0] += 1e6
+    names = [
+        "time_s",
+        *(f"gyro_{axis}_dps" for axis in "xyz"),
+        *(f"accelerometer_{axis}_mps2" for axis in "xyz"),
+    ]
+    np.savetxt(tmp_path / "imu.csv", rows, "%.3f", ",", header=",".join(names), comments="")
+    with pytest.raises(RecordError, match="most of the record is missing"):
+        load_record(tmp_path / "imu.csv", scheme="19-position", latitude_deg=47.0)
+
+
 MAPPING = """
 format = 1
 unit_id = "IMU-5"

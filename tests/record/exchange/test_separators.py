@@ -79,8 +79,11 @@ def test_a_run_began_when_its_log_says(tmp_path: Path, times: list[str], began: 
     assert run.manifest.ended_utc.startswith("2026-01-11T17:00:39")
 
 
-def test_seconds_since_somewhere_are_no_date(tmp_path: Path) -> None:
-    run = imported(tmp_path, text(",", times=[f"{86_400 + k}" for k in range(ROWS)]))
+@pytest.mark.parametrize(
+    "times", [[f"{86_400 + k}" for k in range(ROWS)], [f"12:00:{k:02d}" for k in range(ROWS)]]
+)
+def test_seconds_since_somewhere_and_times_of_day_are_no_date(tmp_path: Path, times: list[str]) -> None:
+    run = imported(tmp_path, text(",", times=times))
     assert not run.manifest.started_utc.startswith("1970")
 
 
