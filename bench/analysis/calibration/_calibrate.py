@@ -114,7 +114,6 @@ def load_record(
     if record.is_dir() and Run.open(record).manifest.imported is None:
         run = load_calibration_run(record, gyro)
         return run if latitude_deg is None else replace(run, latitude_deg=latitude_deg)
-    told_deg = 0.0 if latitude_deg is None else latitude_deg
     mapped = record.is_dir() or record.suffix == ".toml"
     if scheme is None or (latitude_deg is None and not mapped):
         raise ConfigurationError(
@@ -127,13 +126,15 @@ def load_record(
             remedy="a run folder of `gyrobench run system-calibration` says it itself",
         )
     log = read_imu_log(record)
+    latitude_deg = log.latitude_deg if latitude_deg is None else latitude_deg
+    assert latitude_deg is not None  # a mapping says it
     increments, remarks = increments_of(log.rates_dps, log.forces_mps2, log.period_s, str(record))
     return CalibrationRun(
         run_id=log.file.stem,
         checksum=checksum(log.file).sha256,
         gyro=gyro or log.unit_id or log.file.stem,
         unit_id=gyro or log.unit_id or log.file.stem,
-        latitude_deg=told_deg if latitude_deg is not None or log.latitude_deg is None else log.latitude_deg,
+        latitude_deg=latitude_deg,
         increments=increments,
         schedule=load_scheme(scheme).with_(dwell_s=dwell_s),
         table="by-hand",
