@@ -12,8 +12,8 @@ from simulators.effects._channel import ChannelEffect, ChannelInputs, Values
 from simulators.effects._effect import PPM, Effect, Input, Parameter, Shape, Unit
 from simulators.effects._stimulus import Stimulus
 
-_LONGEST, _STEADY = 3, 0.005
-"""Samples of a change of rate that is looked at as one, and part of it that is none."""
+_LONGEST, _STEADY, _WITHIN_ONE = 3, 0.005, 2
+"""Samples of a change of rate that is looked at as one, part of it that is none; edges of one within a sample."""
 _SIDES: tuple[Shape, ...] = tuple({"side": side} for side in (0.0, 0.5, -0.5, 1.0, -1.0))
 
 
@@ -35,15 +35,17 @@ def _change(s: Stimulus, shape: Shape) -> Array:
 def _edges(rate: Array) -> Array:
     """Return the rate at samples' edges if its changes begin or end there, or it is smooth, (5, n + 1).
 
-    A change from one steady rate to another within three samples is one of constant acceleration in all of them,
-    wherever in its samples it begins and ends.
+    A change from one steady rate to another within one sample has these at its ends, wherever it begins and ends.
+    Within two or three it is of constant acceleration where the rate is smooth; a servo that creeps to its rate
+    is nearer to changes that begin, or end, at edges.
     """
     forward, backward = _edge_values(rate), _edge_values(rate[::-1])[::-1]
     late = np.append(rate, rate[-1])
     early = np.insert(rate, 0, rate[0])
     edges = np.stack((early, backward, _smooth_edges(rate), forward, late))
     for first, values in _transitions(rate):
-        edges[:, first : first + len(values)] = values
+        forms = slice(1, 4) if len(values) == _WITHIN_ONE else slice(2, 3)
+        edges[forms, first : first + len(values)] = values
     return edges
 
 
