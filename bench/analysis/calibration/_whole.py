@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.calibration._conventions import AXES
-from bench.analysis.common.seconds import far_off
+from bench.analysis.common.outliers import RARE, outliers
 from bench.analysis.common.statistics import stretches
 from drivers.base.arrays import Array
 from drivers.base.errors import RecordError
@@ -18,6 +18,8 @@ _REST_DPS = 0.1
 LONGEST_S = 5.0
 _BESIDE_S = 1.0
 """How much of the record on either side says what is missing."""
+_TURNED_MPS2 = 0.2
+"""Change of the specific force over a hole, of gravity by 1.2 deg, from which on the unit turned in it."""
 
 
 def whole(
@@ -27,15 +29,17 @@ def whole(
 
     NaN are missing; single values at rest that stand far off those about them count as missing, too. Each is the
     mean of a second before and after. RecordError for samples that are missing in a turn, and for more than 5 s.
+    A unit that does not lie after a hole as it lay before it has turned.
     """
     values = np.hstack((rates_dps, forces_mps2))
     rest = _rests(rates_dps, period_s)
     missing = np.asarray(np.isnan(values).any(axis=1))
+    beside = max(round(_BESIDE_S / period_s), 1)
     for start, stop in stretches(missing).tolist():
-        still = bool(rest[start:stop].all())
+        still = bool(rest[start:stop].all()) and _same_attitude(forces_mps2, start, stop, beside)
         if not still or (stop - start) * period_s > LONGEST_S:
             raise RecordError(
-                "samples are missing",
+                "samples are missing or marked as faulty",
                 where=f"{where}, {start * period_s:.2f} s",
                 found=f"{stop - start} of them, {'at rest' if still else 'while the unit turns'}",
                 expected=f"at rest at most {LONGEST_S:g} s, in a turn none: a lost increment cannot be made up",
@@ -45,14 +49,14 @@ def whole(
     if missing.any():
         found.append(f"samples missing {int(missing.sum())}, first at {missing.argmax() * period_s:.2f} s")
     for column, name in enumerate(_names()):
-        far, sizes = far_off(values[:, column])
+        far, sizes = outliers(values[:, column], most=RARE)
         far, sizes = far[rest[far]], sizes[rest[far]]
         if len(far):
             values[far, column] = np.nan
             unit = "deg/s" if column < len(AXES) else "m/s2"
             most = f"{sizes[np.abs(sizes).argmax()]:+.3g} {unit}"
             found.append(f"{name} {len(far)}, up to {most} off, first at {far[0] * period_s:.2f} s")
-    _fill(values, max(round(_BESIDE_S / period_s), 1))
+    _fill(values, beside)
     remarks = [f"Filled at rest with means of a second on either side: {'; '.join(found)}."] if found else []
     return values[:, : len(AXES)], values[:, len(AXES) :], remarks
 
@@ -79,6 +83,15 @@ def _rests(rates_dps: Array, period_s: float) -> NDArray[np.bool_]:
     still[1:] &= ~turning[:-1]
     still[:-1] &= ~turning[1:]
     return np.asarray(np.repeat(still, size)[: len(rates_dps)])
+
+
+def _same_attitude(forces_mps2: Array, start: int, stop: int, beside: int) -> bool:
+    """Return whether gravity is the same on both sides of a hole; so where one side has no samples."""
+    sides = forces_mps2[max(start - beside, 0) : start], forces_mps2[stop : stop + beside]
+    before, after = (side[np.isfinite(side).all(axis=1)] for side in sides)
+    if not len(before) or not len(after):
+        return True
+    return float(np.linalg.norm(after.mean(axis=0) - before.mean(axis=0))) < _TURNED_MPS2
 
 
 def _fill(values: Array, beside: int) -> None:

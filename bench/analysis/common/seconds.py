@@ -8,19 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.analysis.common.outliers import RARE, outliers
 from bench.record.recording import Run, row_means
 from drivers.base.arrays import Array
 from drivers.base.constants import DPH_PER_DPS
 
-_FAR = 8.0
-"""Standard deviations from which on a value stands far off those about it."""
-_MAD = 1.4826
-_WIDTH = 5
-_FEWEST = 32
 _SLOW_S = 1.05
 """Time between rows from which on seconds without one are usual."""
-_MOST = 0.01
-"""Part of the values that may be far off: of more, it is the noise that has tails."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +38,7 @@ def gyro_seconds(run: Run, gyro: str, start_s: int, end_s: int) -> GyroSeconds:
     the output that stand far off those about them (a lost bit, a shock) are NaN, and said.
     """
     means = run.second_means(gyro, start_s, end_s)
-    far, sizes = far_off(means.rate_dps)
+    far, sizes = outliers(means.rate_dps, most=RARE)
     remarks = []
     rate_dps = means.rate_dps
     if len(far):
@@ -59,26 +53,6 @@ def gyro_seconds(run: Run, gyro: str, start_s: int, end_s: int) -> GyroSeconds:
     return GyroSeconds(
         since_last(rate_dps, period_s), since_last(means.temp_c, period_s), tuple(remarks), period_s
     )
-
-
-def far_off(values: Array) -> tuple[NDArray[np.int64], Array]:
-    """Return places of single values (or two) far off the median of five, and how far, (m,); NaN are no values.
-
-    A change of level is none. None at all where so many are far off that they are the noise's own.
-    """
-    place = np.flatnonzero(np.isfinite(values))
-    if len(place) < _FEWEST:
-        return np.zeros(0, np.int64), np.zeros(0)
-    known = values[place]
-    ends = np.pad(known, _WIDTH // 2, mode="reflect")
-    off = known - np.median(np.lib.stride_tricks.sliding_window_view(ends, _WIDTH), axis=1)
-    away = np.abs(off)
-    # the 95 % point beside the median: noise in steps may have a median of nothing
-    sigma = max(_MAD * float(np.median(away)), float(np.quantile(away, 0.95)) / 1.96)
-    far = np.flatnonzero(away > _FAR * sigma) if sigma > 0.0 else np.zeros(0, np.int64)
-    if len(far) > _MOST * len(known):
-        return np.zeros(0, np.int64), np.zeros(0)
-    return place[far], off[far]
 
 
 def since_last(values: Array, period_s: float) -> Array:

@@ -29,6 +29,8 @@ _PASSES, _NEAR_MS = 8, 1e-3
 """Steps to the offset, and how small the last one is."""
 _DOUBT = 0.1
 """Part of what an offset does at a corner of the rate that its unknown course within a row may be."""
+_THIRD, _CODES = 3, 25.0
+"""Order of the differences that tell a corner; three sigma of them where codes of the angle have a sigma of 1."""
 _SHOWS = 9.0
 """Energy of what is of second order, and of what is left, in variances of the noise, from which it counts."""
 
@@ -151,30 +153,53 @@ class _Swing:
     def corners(self) -> Array:
         """How much each ms of an offset does within a row where the rate changes at once, deg/h (n,).
 
-        By third differences of the rate: of a motion that rows resolve they are small.
+        By third differences of the rate between the log's own rows, less what codes of the angle make: of a
+        motion that rows resolve they are small.
         """
+        s, noise = self.run.stimulus, self.run.rounding_noise
+        rows_s, angle_deg = self.rows
+        row_s = np.diff(rows_s)
+        # the code that is usual: at a corner what is read of it is no code
+        code_deg = 0.0 if noise is None else float(np.median(noise.sigma_deg))
+        bent_dps = np.pad(np.abs(np.diff(np.diff(angle_deg) / row_s, _THIRD)), (2, 1), mode="edge")
+        bent_dps = np.maximum(bent_dps - _CODES * code_deg / row_s, 0.0)
+        near = np.pad(bent_dps, 1, mode="edge")
+        bent_dps = np.maximum.reduce([near[:-2], bent_dps, near[2:]]) / _THIRD
+        # each sample has the sharpest corner of its rows
+        ends_s = s.period_s * np.arange(len(s) + 1.0)
+        row = np.clip(np.searchsorted(rows_s, ends_s + 1e-6 * s.period_s, "right") - 1, 0, len(row_s) - 1)
+        last = np.clip(np.searchsorted(rows_s, ends_s[1:] - 1e-6 * s.period_s) - 1, row[:-1], len(row_s) - 1)
+        pairs = np.column_stack((row[:-1], last + 1)).ravel()
+        corner_dps = np.maximum.reduceat(np.append(bent_dps, 0.0), pairs)[::2]
+        along = np.abs(np.sin(np.radians(s.elevation_deg)))
+        return np.asarray(3.6 / s.period_s * along * corner_dps)
+
+    @cached_property
+    def rows(self) -> tuple[Array, Array]:
+        """Times from the run's start, s, and the table's angle, deg, (m,) each, at the log's own rows."""
         s = self.run.stimulus
-        bent = np.abs(
-            np.diff(s.input_rate_dph, 3, prepend=[s.input_rate_dph[0]] * 2, append=s.input_rate_dph[-1:])
-        )
-        near = np.pad(bent, 1, mode="edge")
-        return np.asarray(1e-3 / s.period_s * np.maximum.reduce([near[:-2], bent, near[2:]]) / 3.0)
+        return self.run.table_rows or (s.period_s * np.arange(len(s) + 1.0), s.angle_deg)
 
     @cached_property
     def between(self) -> CubicSpline:
         """The table's angle, deg, over time from the run's start, s."""
-        s = self.run.stimulus
-        edges_s = s.period_s * np.arange(len(s) + 1.0)
-        return CubicSpline(*(self.run.table_rows or (edges_s, s.angle_deg)))
+        return CubicSpline(*self.rows)
+
+    def angle_at(self, times_s: Array) -> Array:
+        """Return the table's angle, deg (k,), at times from the run's start; beyond the log it turns on."""
+        rows_s, angle_deg = self.rows
+        inside_s = np.clip(times_s, rows_s[0], rows_s[-1])
+        steady_dps = (np.diff(angle_deg) / np.diff(rows_s))[[0, -1]]
+        beyond_s = times_s - inside_s
+        return np.asarray(self.between(inside_s) + np.where(beyond_s < 0.0, *steady_dps) * beyond_s)
 
     def over(self, early_ms: float) -> Array:
         """Return what each ms of an offset does on the way to that one, deg/h (n,)."""
         if not early_ms:
             return self.at_once
-        s, first_s, last_s = self.run.stimulus, self.between.x[0], self.between.x[-1]
+        s = self.run.stimulus
         edges_s = s.period_s * np.arange(len(s) + 1.0)
-        times_s = (np.clip(edges_s + late_s, first_s, last_s) for late_s in (1e-3 * early_ms, 0.0))
-        later_deg, now_deg = map(self.between, times_s)
+        later_deg, now_deg = (self.angle_at(edges_s + late_s) for late_s in (1e-3 * early_ms, 0.0))
         along = 3600.0 / s.period_s * np.sin(np.radians(s.elevation_deg))
         return np.asarray(along * np.diff(later_deg - now_deg) / early_ms)
 

@@ -47,6 +47,7 @@ _DIFFERS = 0.5
 """Probability that repeats differ by more than noise from which each must show a cause."""
 _JUMPS = 0.95
 """Probability that repeats differ where one of them jumps: as high as any that is stated."""
+_WALKS = tuple(EFFECT_OF[each] for each in ("rate_random_walk_dph_per_sqrt_h", "bias_instability_dph"))
 _QUANTISATION, _FINER = EFFECT_OF["quantum_arcsec"], 0.2
 """Finest step in a log over a quantum up to which that is not the quantum of what was logged."""
 _LOST_FRACTION = 1e-4
@@ -147,7 +148,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
         causes, resembles = causes_of(found, variants, data.model)
         weights = set_weights(found.judged)
         # a level that steps has the spectrum of a random walk: runs without repeats are looked at for it, too
-        jumps = find_jumps(ready, best.solution, alone=bool(ready.noise.named))
+        jumps = find_jumps(ready, best.solution, alone=ready.noise.named in _WALKS)
         differs = max(ready.noise.differs, _JUMPS if jumps else 0.0)
         left = places(ready.cells, best.left, ready.floor)
         below = _left_by_codes(ready.groups, left)

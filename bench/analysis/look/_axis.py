@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
+from bench.analysis.common.outliers import FAR, outliers
 from bench.analysis.common.statistics import stretches
 from drivers.base.arrays import Array
 
 _BLOCKS = 32
-_FAR = 8.0
-"""Times the robust sigma from which on a sample is an outlier, a change of level a step."""
 _STEP_BLOCKS, _STEP_SPAN = 2048, 32
 _AT_LIMIT = 5
 """Equal samples one after the other at an extreme from which on it is a limit."""
@@ -26,8 +25,8 @@ class Figures:
     """Figures of one axis at rest, in its unit.
 
     `mean` and `drift_per_h` with 1 sigma from block means, their correlation counted; `sigma` of the samples.
-    `steps`: changes of level, (s from the first row, size). `outliers`: samples 8 robust sigma off the mean of
-    their neighbours, the largest by `largest_outlier`, the first at `first_outlier_s`. `limits`: values at
+    `steps`: changes of level, (s from the first row, size). `outliers`: samples 8 robust sigma off the median
+    of five, the largest by `largest_outlier`, the first at `first_outlier_s`. `limits`: values at
     which the whole record stays again and again. `quantum`: step between neighbouring values, NaN where there
     is no grid.
     """
@@ -57,7 +56,7 @@ def figures_of(
     finite = np.isfinite(values)
     index = np.flatnonzero(finite & rest)
     flat = values[index]
-    odd, sizes = _outliers(flat)
+    odd, sizes = outliers(flat)
     clean = values
     if len(odd):
         clean = values.copy()
@@ -103,22 +102,6 @@ def _correlated(left: Array) -> float:
     return float(np.sqrt((1.0 + rho) / (1.0 - rho)))
 
 
-def _outliers(values: Array) -> tuple[NDArray[np.int64], Array]:
-    """Return places of samples far from both neighbours, and how far off the mean of these they are."""
-    off = values[1:-1] - 0.5 * (values[:-2] + values[2:])
-    sigma = (
-        (_MAD * float(np.median(np.abs(off - np.median(off)))) or float(off.std())) if len(off) > 30 else 0.0
-    )
-    if sigma == 0.0:
-        return np.zeros(0, np.int64), np.zeros(0)
-    size = np.abs(off)
-    far = np.flatnonzero(size > _FAR * sigma)
-    # An outlier moves its neighbours by half its size: the largest of three is the one.
-    around = [size[np.clip(far + shift, 0, len(size) - 1)] for shift in (-1, 1)]
-    far = far[(size[far] >= around[0]) & (size[far] >= around[1])]
-    return far + 1, off[far]
-
-
 def level_steps(values: Array, used: NDArray[np.bool_], per_s: float) -> tuple[tuple[float, float], ...]:
     """Return changes of level of a record (n,) in its longest `used` stretch: s from the first row, and size.
 
@@ -135,7 +118,7 @@ def level_steps(values: Array, used: NDArray[np.bool_], per_s: float) -> tuple[t
     change = (sums[span:] - sums[:-span]) / span
     change -= np.median(change)
     usual = _MAD * float(np.median(np.abs(change)))
-    peaks, _ = find_peaks(np.abs(change), height=max(_FAR * usual, 1e-300), distance=2 * span)
+    peaks, _ = find_peaks(np.abs(change), height=max(FAR * usual, 1e-300), distance=2 * span)
     # A step makes a triangle as wide as the span either way; a hump or a ramp does not.
     sides = [np.abs(change[np.clip(peaks + side, 0, len(change) - 1)]) for side in (-span, span)]
     sharp = peaks[np.maximum(*sides) < 0.5 * np.abs(change[peaks])] if usual else peaks[:0]

@@ -69,6 +69,20 @@ def test_what_nobody_knows_is_refused(first_s: float, last_s: float, found: str)
     assert wrong.value.found == found
 
 
+@pytest.mark.parametrize(("tilt_deg", "refused"), [(0.5, False), (2.0, True)])
+def test_a_unit_that_turned_in_a_hole_was_not_at_rest(tilt_deg: float, refused: bool) -> None:
+    """At rest before a hole of 2 s and after it, and tilted in it."""
+    rates, forces = (each[: at(REST_S)] for each in unit())
+    forces[at(10.0) :, ::2] = 9.81 * np.array([np.cos(np.radians(tilt_deg)), np.sin(np.radians(tilt_deg))])
+    rates[at(9.0) : at(11.0)] = forces[at(9.0) : at(11.0)] = np.nan
+    if not refused:
+        assert whole(rates, forces, PERIOD_S, "log")[2]
+        return
+    with pytest.raises(RecordError, match="samples are missing") as wrong:
+        whole(rates, forces, PERIOD_S, "log")
+    assert wrong.value.found == "100 of them, while the unit turns"
+
+
 def test_a_value_far_off_in_a_turn_is_left() -> None:
     rates, forces = unit()
     rates[at(24.0), 1] += 5.0

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.analysis.common.seconds import far_off, since_last
+from bench.analysis.common.seconds import since_last
 from bench.analysis.rlg import load_ramp_runs
 from bench.analysis.thermal import load_runs
 from bench.record.exchange import import_log
@@ -77,34 +77,6 @@ def test_one_row_far_off_is_left_out_and_said(tmp_path: Path, period_s: float) -
     (ramp,) = load_ramp_runs(folder)
     assert any("1 of 2400 s left out" in each for each in ramp.remarks)
     assert ramp.bias_dph == pytest.approx(bias_dph(ramp.time_s - 0.5), abs=0.02)
-
-
-def test_what_stays_is_not_far_off() -> None:
-    rng = np.random.default_rng(1)
-    noise = rng.normal(0.0, 1.0, 20_000)
-    assert not len(far_off(noise)[0])
-    assert not len(far_off(np.round(noise / 3.0))[0])  # steps of three sigma
-    assert not len(far_off(noise + 100.0 * (np.arange(20_000) > 7_000))[0])
-    assert not len(far_off(noise + 0.3 * np.arange(20_000))[0])
-    tails = noise + 100.0 * (rng.random(20_000) < 0.02)
-    assert not len(far_off(tails)[0])
-    assert not len(far_off(np.zeros(100))[0]) and not len(far_off(noise[:31])[0])
-
-
-@given(
-    places=st.lists(st.integers(0, 199), min_size=1, max_size=3, unique=True).map(
-        lambda p: [5 * k for k in p]
-    ),
-    size=st.floats(30.0, 1e6),
-    holes=st.sets(st.integers(0, 999), max_size=50),
-)
-def test_single_values_are_found_wherever_they_are(places: list[int], size: float, holes: set[int]) -> None:
-    values = np.random.default_rng(5).normal(0.0, 1.0, 1000)
-    values[places] += size
-    values[sorted(holes - set(places))] = np.nan
-    at, off = far_off(values)
-    assert sorted(at.tolist()) == sorted(places)
-    assert off == pytest.approx([values[k] for k in at], abs=6.0)
 
 
 @given(st.integers(2, 40), st.integers(1, 30))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.analysis.gap._align import without_corners
+from bench.analysis.gap._align import _Swing, without_corners
 from bench.analysis.gap._data import GapRun
 from bench.analysis.gap._diagnose import diagnose
 from bench.analysis.gap._fit import nominal_solution
@@ -17,6 +17,7 @@ from bench.analysis.gap._jumps import find_jumps
 from bench.analysis.gap._model_file import Model, parse_model
 from bench.analysis.gap._noise import Noise
 from bench.analysis.gap._prepare import prepare
+from bench.analysis.gap._rounding_noise import RoundingNoise
 from drivers.base.arrays import Array
 from tests.analysis.gap.conftest import made_run, stimulus
 
@@ -139,12 +140,52 @@ def test_a_motion_that_rows_resolve_keeps_them(tmp_path: Path) -> None:
     (run, *_) = logs(tmp_path, 0.5, "turns")
     s = run.stimulus
     times_s = s.period_s * np.arange(len(s) + 1.0)
-    smooth = replace(s, angle_deg=60.0 * 3.2 * np.sin(times_s / 3.2), edge_rate_dps=None)
-    late = 3600.0 * np.diff(60.0 * 3.2 * np.sin((times_s - 0.02) / 3.2)) / s.period_s
+    smooth = replace(s, angle_deg=60.0 * 6.4 * np.sin(times_s / 6.4), edge_rate_dps=None)
+    late = 3600.0 * np.diff(60.0 * 6.4 * np.sin((times_s - 0.02) / 6.4)) / s.period_s
     noise = np.random.default_rng(2).normal(0.0, 3.0, len(s))
     swing = replace(run, stimulus=smooth, output_dph=late + noise, table_rows=None)
     model = parse_model(SHEET + OFFSET, "sheet")
     assert without_corners([swing], model) == [swing]
+
+
+@pytest.mark.parametrize("codes_deg", [0.0, 0.01])
+def test_fine_rows_of_a_log_tell_corners_from_resolved_motion(codes_deg: float) -> None:
+    """Samples of 1 s, a log of 0.1 s: a swing that samples do not resolve is no corner of its rows."""
+    s = replace(stimulus(600), elevation_deg=np.full(600, 90.0), edge_rate_dps=None)
+    rows_s = 0.1 * np.arange(6001.0)
+    angle_deg = 20.0 * np.sin(2.0 * np.pi * rows_s / 8.0) * (rows_s < 240.0)
+    angle_deg += 30.0 * np.clip(rows_s - 400.35, 0.0, None)
+    if codes_deg:
+        angle_deg = codes_deg * np.round(angle_deg / codes_deg)
+    s = replace(s, angle_deg=angle_deg[::10])
+    noise = None
+    if codes_deg:
+        every = np.full(601, codes_deg / np.sqrt(12.0))
+        noise = RoundingNoise(np.zeros(601), every, np.ones(600), np.zeros(601, np.bool_), False)
+    run = made_run("fine", s, np.random.default_rng(1), np.zeros(600))
+    swing = _Swing(replace(run, table_rows=(rows_s, angle_deg), rounding_noise=noise))
+    # where the table starts to turn its rate changes by 30 deg/s
+    # within a row: its third differences are half of that, and a third of them is in doubt
+    assert swing.corners[400] == pytest.approx(3.6 * 15.0 / 3.0, rel=0.1)
+    assert np.delete(swing.corners, [239, 240, 399, 400]).max() < 0.1 * swing.corners[400]
+
+
+@pytest.mark.parametrize("early_ms", [-20.0, 20.0])
+def test_a_table_that_turns_turns_on_beyond_the_log(early_ms: float) -> None:
+    """At steady rate an offset does nothing, at the log's ends neither."""
+    s = replace(stimulus(100), angle_deg=20.0 * np.arange(101.0), edge_rate_dps=None)
+    swing = _Swing(made_run("steady", s, np.random.default_rng(1), np.zeros(100)))
+    assert np.abs(swing.over(early_ms)).max() < 1e-6
+
+
+def test_corners_of_held_out_runs_are_hidden_too(tmp_path: Path) -> None:
+    """The model's offset is known but for a corner's course within its row: no share of a gap."""
+    runs = logs(tmp_path, 4.0, "turns", offset_s=0.016)
+    bent = [replace(run, output_dph=run.output_dph + 2e-4 * abs(run.stimulus.input_rate_dph)) for run in runs]
+    found = diagnose(bent[:3], parse_model(SHEET + OFFSET, "sheet"), bent[3:]).rate
+    assert [cause.name for cause in found.causes] == ["scale_factor_asymmetry"]
+    (share,) = found.held_out
+    assert share.share > 0.99 and share.rms_after < 0.1
 
 
 def still(seed: int, level_dph: Array) -> GapRun:
@@ -174,6 +215,9 @@ def test_runs_alone_are_looked_at_where_that_is_asked() -> None:
     data = prepare(runs, model, [])
     solution = nominal_solution(data.cells, model.sigmas)
     assert find_jumps(data, solution, alone=False) is None
+    warm = replace(runs[0].stimulus, t_in_c=np.linspace(25.0, 45.0, 7200))
+    moving = prepare([replace(runs[0], stimulus=warm)], model, [])
+    assert find_jumps(moving, nominal_solution(moving.cells, model.sigmas), alone=True) is None
     jumps = find_jumps(data, solution, alone=True)
     assert jumps is not None and not jumps.repeated
     assert jumps.size_dph == pytest.approx(2.0, abs=0.1) and jumps.at_s == pytest.approx(4000.0, abs=120.0)
