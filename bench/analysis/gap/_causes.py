@@ -302,11 +302,23 @@ def _of_any(weights: Mapping[frozenset[str], tuple[float, float]], names: Set[st
 
 
 def _fitted(member: int, solution: Solution, found: Found, variants: Sequence[Variant], q: int) -> Term:
-    """Return a member of a judged set as a term with its values in a solution."""
+    """Return a member of a judged set as a term with its values in a solution.
+
+    Of a parameter that the runs do not bound no more is known than its bounds: it is as near to nothing as the
+    others allow.
+    """
     columns = [column + q for column in found.posterior.candidates[member].columns]
     at = [int(np.flatnonzero(solution.indices == column)[0]) for column in columns]
-    deviations = np.sqrt(np.diag(solution.covariance)[at])
-    return Term(variants[member], tuple(solution.values[at].tolist()), tuple(deviations.tolist()))
+    values, covariance = solution.values[at], solution.covariance[np.ix_(at, at)]
+    coarseness = found.data.noise.noise.coarseness
+    both = [parameter.bounds(coarseness) for parameter in variants[member].effect.parameters]
+    spans = np.array([high - low for low, high in both])
+    hidden = np.sqrt(np.diag(covariance)) >= spans
+    if hidden.any():
+        gain = np.linalg.solve(covariance + np.diag(spans**2), np.diag(spans**2)).T
+        values, covariance = gain @ values, gain @ covariance
+    deviations = np.where(hidden, spans, np.sqrt(np.diag(covariance)))
+    return Term(variants[member], tuple(values.tolist()), tuple(deviations.tolist()))
 
 
 def _instead(name: str, rival: str, found: Found, variants: Sequence[Variant], q: int) -> Term:

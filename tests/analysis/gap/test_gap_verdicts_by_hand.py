@@ -24,9 +24,10 @@ from bench.analysis.gap._data import Group
 from bench.analysis.gap._disturbed import Disturbed
 from bench.analysis.gap._evidence import Candidate, SetPosterior
 from bench.analysis.gap._findings import Cause, rivals_of
-from bench.analysis.gap._fit import Floor, solve
+from bench.analysis.gap._fit import Floor, Solution, solve
 from bench.analysis.gap._judged import Judged, same_driver
 from bench.analysis.gap._learn import Learned
+from bench.analysis.gap._model_file import model_text, parse_model
 from bench.analysis.gap._rate import (
     RateFinding,
     _by_repeat,
@@ -101,8 +102,8 @@ def found_of(weights, rows, *, names=("shupe", "warm_up"), energy=0.0):
     best = next(one for one in sets if one.names == frozenset(names))
     posterior = SetPosterior(CANDIDATES, {one.members: one.log_evidence for one in sets})
     return SimpleNamespace(
-        data=SimpleNamespace(cells=cells), variance=np.ones(1), before=np.array([1e4]), posterior=posterior,
-        judged=sets, best=best,
+        data=SimpleNamespace(cells=cells, noise=SimpleNamespace(noise=WHITE)), variance=np.ones(1),
+        before=np.array([1e4]), posterior=posterior, judged=sets, best=best,
     )  # fmt: skip
 
 
@@ -200,6 +201,27 @@ def test_causes_have_values_and_probability_of_their_sets_and_rivals_fitted_in_t
     assert _fitted(2, found.best.solution, found, VARIANTS, 1) == warm_up.term
 
 
+@pytest.mark.parametrize(("alike", "each"), [(0.0, (4.0, 0.0)), (1.0, (2.0, 2.0))])
+def test_of_what_the_runs_do_not_bound_the_bounds_are_known(alike, each):
+    """A column of nothing adds nothing; of two alike only the sum shows, 4, which is shared."""
+    found = found_of({frozenset({"shupe", "warm_up"}): (1.0, 0.0)}, rows_of())
+    columns = np.array([[1.0, 0.0], [alike, 1e-5]])
+    covariance = np.linalg.inv(columns @ columns.T)
+    values = covariance @ columns @ np.array([4.0, 1e-3])
+    indices = np.array([column + 1 for column in CANDIDATES[1].columns])
+    term = _fitted(1, Solution(indices, values, covariance), found, VARIANTS, 1)
+    low, high = (
+        np.array(bound) for bound in zip(*(p.bounds(1.0) for p in term.effect.parameters), strict=True)
+    )
+    assert high - low == pytest.approx((high - low)[0])
+    assert term.values == pytest.approx(each, abs=1e-3)
+    hidden = [False, True] if not alike else [True, True]
+    assert [s == h for s, h in zip(term.sigmas, high - low, strict=True)] == hidden
+    assert ("not to be seen" in term.fitted(1.0, "+-").split(", ")[0]) is hidden[0]
+    model = replace(MODEL, terms=(term,))
+    assert parse_model(model_text(model), "closed").terms[0].values == pytest.approx(term.values)
+
+
 def test_effects_of_one_driver_are_one_cause_with_the_weaker_one_as_its_form():
     """Columns of sizes 2 and 4 with values 1 and 3: the second does (4 * 3)^2 of (2 * 1)^2 + (4 * 3)^2."""
     rng = np.random.default_rng(3)
@@ -215,7 +237,8 @@ def test_effects_of_one_driver_are_one_cause_with_the_weaker_one_as_its_form():
         names, frozenset({0, 1}), 0.0, solution, np.array([60.0]), rest, solution, solution, frozenset()
     )
     found = SimpleNamespace(
-        data=SimpleNamespace(cells=[cell(3, 60.0, block=gram)]), variance=np.ones(1), before=np.array([1e4]),
+        data=SimpleNamespace(cells=[cell(3, 60.0, block=gram)], noise=SimpleNamespace(noise=WHITE)),
+        variance=np.ones(1), before=np.array([1e4]),
         posterior=SetPosterior(candidates, {judged.members: 0.0}), judged=[judged], best=judged,
     )  # fmt: skip
     (one,), doubtful = causes_of(found, variants, MODEL)
@@ -228,7 +251,6 @@ def test_effects_of_one_driver_are_one_cause_with_the_weaker_one_as_its_form():
 
 def test_models_without_a_cause_lack_all_that_is_fitted_for_it():
     found = found_of({frozenset({"shupe", "warm_up"}): (1.0, 0.0)}, rows_of())
-    found.data.noise = SimpleNamespace(noise=WHITE)
 
     def names(among, gone):
         models = models_with_and_without(found, VARIANTS, MODEL, gone, among)
