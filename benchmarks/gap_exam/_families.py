@@ -18,6 +18,7 @@ from benchmarks.gap_exam._make import Plan, kinds_of, make_case, plan, prepare_f
 from benchmarks.gap_exam._mems import MEMS
 from benchmarks.gap_exam._nuclear import NUCLEAR
 from benchmarks.gap_exam._recorders import RECORDERS
+from benchmarks.gap_exam._resonant_fibre import RESONANT_FIBRE
 from benchmarks.gap_exam._ring_laser import RING_LASER
 from benchmarks.gap_exam._spring import SPRING
 from benchmarks.gap_exam._strapdown import STRAPDOWN
@@ -40,6 +41,7 @@ FAMILIES = {
         DEPOLARISED,
         SPRING,
         RECORDERS,
+        RESONANT_FIBRE,
         ACCEPTANCE,
         EXAM_PLANT,
     )

@@ -47,14 +47,18 @@ def _tilt(s: Stimulus, _: Shape) -> Array:
     return np.asarray(math.radians(1.0) * np.stack((vertical * sine, vertical * cosine + leaned)))
 
 
-def _misalignment(s: Stimulus, _: Shape) -> Array:
+def _misalignment(s: Stimulus, shape: Shape) -> Array:
     """Sensitive axis leaning in its frame: an upright one picks up level Earth rate, a level one the table's.
 
+    With `carried` 1 the case is tilted and what leans in it goes along: what is above a level axis is behind one
+    that points up, ahead of one that points down. With 0 it is mounted anew, and leans ahead whenever it stands.
     It stays a unit vector: of a lean towards (|up|, level) only what is square to the axis turns it.
     """
     up, level = np.sin(np.radians(s.elevation_deg)), np.cos(np.radians(s.elevation_deg))
     cosine, sine = s.harmonic(1) * earth_rate_north_dph(s.latitude_deg)
     vertical = earth_rate_up_dph(s.latitude_deg) + 3600.0 * s.table_rate_dps
+    if shape.get("carried", 0.0):
+        return np.asarray(math.radians(1.0) * np.stack((level * vertical - up * cosine, sine)))
     along = level * np.abs(up) + up * level
     turned = (np.abs(up) - along * level) * cosine + (level - along * up) * vertical
     return np.asarray(math.radians(1.0) * np.stack((turned, np.abs(up) * sine)))
@@ -87,6 +91,8 @@ ALIGNMENT_EFFECTS = (
         "table angle with the axis upright",
         "IEEE Std 952, input-axis misalignment",
         "The sensitive axis leans against its mounting and picks up other components of rate.",
+        ({"carried": 0.0}, {"carried": 1.0}),
+        whole=("carried",),
     ),
 )
 

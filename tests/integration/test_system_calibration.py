@@ -162,7 +162,10 @@ def test_lost_and_faulty_samples_are_named(run, tmp_path):
         return values
 
     rewrite(copy, lost_before=lose)
-    with pytest.raises(RecordError, match=r"s: samples are missing. Found: 3 of them, while the unit turns"):
+    with pytest.raises(
+        RecordError,
+        match=r"s: samples are missing or marked as faulty. Found: 3 of them, while the unit turns",
+    ):
         load_calibration_run(copy)
 
     def fault(values):

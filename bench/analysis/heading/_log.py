@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.analysis.common.statistics import stretches
 from bench.analysis.heading._frames import gravitation_latitude_deg, sidereal_rad, wrap_deg
 from drivers.base.arrays import Array
 from drivers.base.constants import SCHULER_RAD_S
@@ -15,6 +16,8 @@ from drivers.base.errors import RecordError
 
 _SAME_HEADING_DEG = 2.0
 _SHORTEST_STAY_S = 600.0
+_SLOW_S = 30.0
+"""Time before and after a row over which a slow turn is seen: by 2 deg in a minute and more."""
 _COLUMNS = ("time_s", "sidereal_rad", "north_as", "east_as", "temp_c", "heading_deg")
 _FURTHER = ("second_c", "force_mps2")
 
@@ -125,17 +128,32 @@ def stays(log: PlatformLog) -> list[Stay]:
     heading = log.heading_deg
     start = 0
     for turn in [*(np.flatnonzero(np.abs(wrap_deg(np.diff(heading))) > _SAME_HEADING_DEG) + 1), len(heading)]:
-        if log.time_s[turn - 1] - log.time_s[start] >= _SHORTEST_STAY_S:
-            found.append((start, int(turn)))
+        for first, last in _between_slow_turns(log, start, int(turn)):
+            if log.time_s[last - 1] - log.time_s[first] >= _SHORTEST_STAY_S:
+                found.append((first, last))
         start = int(turn)
     joined: list[tuple[int, int]] = []
     for first, last in found:
-        same = joined and abs(wrap_deg(heading[first] - heading[joined[-1][1] - 1])) <= _SAME_HEADING_DEG
+        same = joined and abs(wrap_deg(heading[last - 1] - heading[joined[-1][1] - 1])) <= _SAME_HEADING_DEG
         joined[-1:] = [(joined[-1][0], last)] if same else [*joined[-1:], (first, last)]
     return [
         Stay(first, last, float(heading[last - 1]) % 360.0, float(log.time_s[last - 1] - log.time_s[first]))
         for first, last in joined
     ]
+
+
+def _between_slow_turns(log: PlatformLog, start: int, stop: int) -> list[tuple[int, int]]:
+    """Return the parts of rows `start` to `stop`, which are without a jump, in which the heading is one."""
+    time_s = log.time_s[start:stop]
+    heading = np.unwrap(log.heading_deg[start:stop], period=360.0)
+    if np.ptp(heading) <= _SAME_HEADING_DEG:
+        return [(start, stop)]
+    turned = np.interp(time_s + _SLOW_S, time_s, heading) - np.interp(time_s - _SLOW_S, time_s, heading)
+    parts = []
+    for first, last in stretches(np.abs(turned) <= _SAME_HEADING_DEG).tolist():
+        near = np.abs(heading[first:last] - np.median(heading[first:last])) <= _SAME_HEADING_DEG
+        parts += [(start + first + own, start + first + end) for own, end in stretches(near).tolist()]
+    return parts
 
 
 def settled(log: PlatformLog, after_s: float) -> NDArray[np.bool_]:

@@ -24,7 +24,8 @@ _NAMES = {
     TEMPERATURE: r"temp(?!l|or)|^t_?(in|out|gyro|imu|c)$|thermo",
     ACCELEROMETER: r"acc(?!ur)|^[af]_?[xyz](?![a-z])|specific|^(delta|d)[_ ]?v(el\w*)?(?![a-z])",
     GYRO: r"gyr|omega|ang\w*[_ .]?(vel|rate)|^[wg]_?[xyz](?![a-z])|^[pqr]$|"
-    r"(^|[_ .]|yaw|roll|pitch)rate(_?[xyz]|_?(lsb|raw|counts)|$)|drehrate|^(delta|d)[_ ]?(ang\w*|theta)",
+    r"(^|[_ .]|yaw|roll|pitch)rate(_?[xyz]|_?(lsb|raw|counts)|$)|(yaw|roll|pitch)[_ ]?rate|drehrate|"
+    r"^(delta|d)[_ ]?(ang\w*|theta)",
 }
 """In this order: a temperature of a gyro is a temperature."""
 _OTHERWISE = re.compile(
@@ -47,7 +48,9 @@ _WITHOUT_GRAVITY = re.compile(r"lin(ear)?[_ ]?acc|gravity|user|free[_ ]?acc")
 """A phone's accelerations of these names are a filter's, where it has an accelerometer beside them."""
 _COUNTER = re.compile(r"sample|row|index|count|^n$|^i$|frame|seq|packet")
 _IN_NAME = {
-    "rad/s": r"rad_?(per_?|/)?s(ec)?|rads", "deg/s": r"dps|deg_?(per_?|/)?s(ec)?",
+    "mrad/s": r"mrad_?(per_?|/)?s(ec)?|mradps|mrads", "mdps": r"mdps|mdeg_?(per_?|/)?s(ec)?",
+    "rad/s": r"(?<![nuk])(rad_?(per_?|/)?s(ec)?|radps|rads)",
+    "deg/s": r"(?<![nuk])(dps|deg_?(per_?|/)?s(ec)?)",
     "deg/h": r"dph|deg_?(per_?|/)?h", "m/s^2": r"m_?(per_?|/)?s\^?2|mps2|ms2", "mg": "_mg", "g": "_gs?",
     "degC": "deg_?c|_c", "K": "_k",
     "ns": "_ns|^ns|nano(s\\w*)?", "us": "_us|^us|timeus|micro(s\\w*)?", "ms": "_ms|^ms|timems|milli(s\\w*)?",

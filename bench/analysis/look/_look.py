@@ -142,8 +142,14 @@ def look(log: Path, options: LookOptions | None = None) -> Look:
     clock, grid = clock_of(time_s, rows, rate_hz, source, in_s=time is not None and bool(time.unit))
     recorded, placed = {}, {}
     for channel in columns.channels:
-        factor = channel.scale.factor * (clock.per_s if channel.scale.per_sample else 1.0)
-        recorded[channel] = sound[channel.name] * factor + channel.scale.offset
+        scale, values = channel.scale, sound[channel.name]
+        factor = scale.factor * (clock.per_s if scale.per_sample or scale.counted else 1.0)
+        if scale.counted:
+            # the rate is what it counted since the row before, where that is there
+            recorded[channel] = np.diff(values) * factor
+            placed[channel] = np.diff(grid.put(values), prepend=np.nan) * factor
+            continue
+        recorded[channel] = values * factor + scale.offset
         placed[channel] = grid.put(recorded[channel])
     temperatures = {channel.name: values for channel, values in placed.items() if channel.kind == TEMPERATURE}
     axes = {channel: values for channel, values in placed.items() if channel.kind != TEMPERATURE}

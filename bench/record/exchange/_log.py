@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections import abc
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from bench.record.exchange._mapping import Column, Mapping
 from bench.record.exchange._recorders import Times, existing_file, on_rows, shifted
-from bench.record.exchange._row_times import check_time, in_order, mean_step_s
-from bench.record.exchange._table import TIME_OF_FILE, has_own_times, read_table
+from bench.record.exchange._row_times import Values, check_time, in_order, mean_step_s, turns_back
+from bench.record.exchange._table import TIME_OF_FILE, Dated, Table, has_own_times, read_table
 from bench.record.exchange._units import (
     ANGLE,
     BASE_UNITS,
@@ -34,7 +34,8 @@ _QUANTITIES = {
     "t_in": TEMPERATURE, "t_out": TEMPERATURE, "air": TEMPERATURE, "set_point": TEMPERATURE, "heater": POWER,
     "door": OPENING,
 }  # fmt: skip
-_TURN_DEG = 360.0
+_TURN_DEG, _ROUNDED_DEG = 360.0, 1.0
+"""A turn, and by how much more than one an angle that does not count turns may span: 0 to 6.2832 rad do."""
 _DAY_S = 86_400.0
 _UNIX_S = 1e9, 4e9
 """Numbers that can only be Unix times: 2001 to 2096."""
@@ -50,7 +51,8 @@ class Log:
     `t_out`, `air` and `set_point` in degC, `heater` in W, `door` from 0 to 1; only those that the mapping names.
     NaN where a value is missing; rates, too, where the column `valid` is zero or missing. `remarks` say which
     rows were put into order or were there twice, and what was done about a clock that was set back. `other_rows`
-    has the columns of other recorders at the rows that they were written in, shape (m,) each. `since_1970`:
+    has the columns of other recorders, and of an MDF file's other groups, at the rows that they were written in,
+    shape (m,) each. `since_1970`:
     the times are those of a calendar, in s since 1970.
     """
 
@@ -70,8 +72,7 @@ def read_log(file: Path, mapping: Mapping) -> Log:
     named = mapping.named()
     own = {n: c for n, c in named.items() if not c.recorder}
     log, dated = _read(file, own, mapping.rate_hz, mapping.separator)
-    columns, remarks = dict(log.columns), list(log.remarks)
-    other_rows: dict[str, Array] = {}
+    columns, remarks, other_rows = dict(log.columns), list(log.remarks), dict(log.other_rows)
     for name, recorder in mapping.recorder.items():
         other_file = existing_file(name, mapping, file)
         wanted = {n: c for n, c in named.items() if c.recorder == name}
@@ -105,13 +106,53 @@ def _read(file: Path, wanted: dict[str, Column], rate_hz: float | None, separato
             found="without columns.time",
             expected="a time, or rate_hz",
         )
-    periods = {wanted["angle"].name: 360.0 / scales["angle"].factor} if "angle" in wanted else {}
-    names = sorted(wanted, key=lambda name: name != "output")  # whose times an MDF file's other channels take
+    names = sorted(
+        wanted, key=lambda name: name != "output"
+    )  # on whose rows an MDF file's other channels come
     words = {column.name: column.missing_words for column in wanted.values()}
     columns = [wanted[name].name for name in names]
-    table = read_table(file, columns, separator=separator, periods=periods, missing=words)
-    for name in ("", *(column.name for column in wanted.values())):
-        if word := table.words.get(name, ""):
+    table = read_table(file, columns, separator=separator, missing=words, apart=True)
+    _check_words(file, wanted, table)
+    values = {name: _numbers(table.columns[column.name], column, name) for name, column in wanted.items()}
+    dated = "time" in wanted and wanted["time"].name in table.dated
+    if own_times:
+        time_s = table.columns[TIME_OF_FILE]
+    elif "time" not in values:
+        time_s = np.arange(len(next(iter(values.values()), ()))) / (rate_hz or 1.0)
+    else:
+        if not dated and not wanted["time"].unit:
+            raise unit_error(TIME, "", f"{file.name}: time ({wanted['time'].name})")
+        # date-times are s already
+        time_s = values.pop("time") * (1.0 if dated else scales["time"].factor)
+    apart = {name: table.times[column.name] for name, column in wanted.items() if column.name in table.times}
+    stamps = table.dated[wanted["time"].name] if dated else Dated(local=False, guessed="")
+    together = {name: own for name, own in values.items() if name not in apart}
+    log = _arranged(file, time_s, together, scales, dated=dated, local=stamps.local)
+    rows = {}
+    for name, own_s in apart.items():
+        other = _arranged(file, own_s, {name: values[name]}, scales, dated=False, local=False)
+        rows[name] = other.columns[name]
+        together[name] = on_rows(name, log.time_s, other.time_s, rows[name])
+    remarks = (stamps.guessed,) if stamps.guessed else ()
+    return replace(
+        log, columns={**together, **log.columns}, other_rows=rows, remarks=remarks + log.remarks
+    ), dated
+
+
+def _check_words(file: Path, wanted: abc.Mapping[str, Column], table: Table) -> None:
+    """Raise ConfigurationError for cells that are no numbers, and for dates where there must be none."""
+    for name, column in wanted.items():
+        if name != "time" and column.name in table.dated:
+            raise ConfigurationError(
+                "a column is not one of numbers",
+                where=f"{file}: {column.name}, which is mapped as {name}",
+                found="dates or times of day",
+                expected="numbers; of times also date-times",
+                remedy="write angles in decimal degrees, numbers without marks between thousands",
+            )
+    words = {column.name: table.words.get(column.name, "") for column in wanted.values()}
+    for name, word in (("", table.words.get("", "")), *words.items()):
+        if word:
             raise ConfigurationError(
                 "a column is not one of numbers" if name else "the log's rows are not all alike",
                 where=f"{file}: {name}" if name else str(file),
@@ -121,23 +162,18 @@ def _read(file: Path, wanted: dict[str, Column], rate_hz: float | None, separato
                 if name
                 else "",
             )
-    values = {name: _numbers(table.columns[column.name], column, name) for name, column in wanted.items()}
-    dated = False
-    if own_times:
-        time_s = table.columns[TIME_OF_FILE]
-    elif "time" not in values:
-        time_s = np.arange(len(next(iter(values.values()), ()))) / (rate_hz or 1.0)
-    else:
-        dated = wanted["time"].name == table.time  # date-times are s already
-        if not dated and not wanted["time"].unit:
-            raise unit_error(TIME, "", f"{file.name}: time ({wanted['time'].name})")
-        time_s = values.pop("time") * (1.0 if dated else scales["time"].factor)
-    time_s, values, remarks = in_order(time_s, values, dated=dated)
+
+
+def _arranged(
+    file: Path, time_s: Array, values: Values, scales: abc.Mapping[str, Scale], *, dated: bool, local: bool
+) -> Log:
+    """Return rows in the order of their times, in the bench's units; `dated`, `local`: see `in_order`."""
+    time_s, values, remarks = in_order(time_s, values, dated=dated, local=local)
     check_time(time_s, file)
     values = {name: _scaled(column, scales[name], time_s) for name, column in values.items()}
     if "angle" in values:
         values["angle"] = _unwrapped(values["angle"])
-    return Log(time_s, values, remarks), dated
+    return Log(time_s, values, remarks)
 
 
 def _scale(name: str, column: Column, file: Path) -> Scale:
@@ -161,7 +197,7 @@ def _numbers(values: Array, column: Column, name: str) -> Array:
         return values
     known = np.isfinite(values)
     step = np.diff(values[known], prepend=values[known][:1])
-    turns = np.floor(step / column.wraps) if name == "time" else np.rint(step / column.wraps)
+    turns = turns_back(step, column.wraps) if name == "time" else np.rint(step / column.wraps)
     result = values.copy()
     result[known] -= column.wraps * np.cumsum(turns)
     return result
@@ -185,7 +221,7 @@ def _scaled(values: Array, scale: Scale, time_s: Array) -> Array:
 def _unwrapped(angle_deg: Array) -> Array:
     """Return an angle (n,) without its jumps by a turn; one of more than a turn counts them, and has none."""
     known = np.isfinite(angle_deg)
-    if known.any() and float(np.ptp(angle_deg[known])) > _TURN_DEG:
+    if known.any() and float(np.ptp(angle_deg[known])) > _TURN_DEG + _ROUNDED_DEG:
         return angle_deg
     result = angle_deg.copy()
     result[known] = np.unwrap(angle_deg[known], period=_TURN_DEG)

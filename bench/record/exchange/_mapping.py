@@ -184,6 +184,12 @@ class Mapping(_Part):
             raise ValueError(f"starts_s of {sorted(strange)[0]}: no such recorder")
         if wrong := [name for name in ("time", "output") if name in columns and columns[name].recorder]:
             raise ValueError(f"{wrong[0]} is one of the log itself, of no other recorder")
+        output, under_test = self.columns.output, self.columns.gyros.get(self.axis)
+        if output is not None and under_test is not None and output != under_test:
+            raise ValueError(
+                f"output is {output.name}, and the gyro of the axis of test, {self.axis}, is {under_test.name}: "
+                "leave output out, or say the axis under test (axis)"
+            )
         return self
 
     def named(self) -> dict[str, Column]:

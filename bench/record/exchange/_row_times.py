@@ -13,6 +13,9 @@ _OFF_PLACE, _NEAR = 0.3, 10.0
 """Parts of the usual time between rows: how far off its place a late row may be, and how far from the next."""
 _HALF_HOUR_S = 1800.0
 """Local clocks are set by multiples of it when daylight time begins or ends."""
+_DAY_S, _SUNDAY = 86_400.0, 3.0
+"""A day, and which of seven since 1970, a Thursday, is a Sunday."""
+_SMALL_HOURS_S, _MOST_FORWARD_S = 4.0 * 3600.0, 3600.0
 _UNKNOWN = 1.5
 """Usual times to the first row of a clock that was set back: no whole number, so that the row is not used."""
 _STAYS = 5
@@ -24,13 +27,19 @@ _LONGEST_S = 3.2e7
 Values = dict[str, Array]
 
 
-def in_order(time_s: Array, values: Values, *, dated: bool) -> tuple[Array, Values, tuple[str, ...]]:
+def in_order(
+    time_s: Array, values: Values, *, dated: bool, local: bool = False
+) -> tuple[Array, Values, tuple[str, ...]]:
     """Return rows that a logger wrote late at their place, and rows that it wrote twice once; what was done.
 
-    A clock of the day (`dated`) that was set back goes on from the row before. As they stand where that does not
-    give one row after the other, or where a counter of seconds began anew.
+    A clock of the day (`dated`) that was set back goes on from the row before, and so does a `local` one that was
+    set forward for daylight time. As they stand where that does not give one row after the other, or where a
+    counter of seconds began anew.
     """
     going, remarks = _going_on(time_s)
+    if local:
+        going, more = _without_daylight_time(time_s, going)
+        remarks += more
     found = _ordered(going, values) if dated or not remarks else None
     return (time_s, values, ()) if found is None else (found[0], found[1], (*remarks, *found[2]))
 
@@ -87,6 +96,38 @@ def _going_on(time_s: Array) -> tuple[Array, tuple[str, ...]]:
         result[row:] += by_s
         remarks.append(f"the clock was set back by {by_s:.6g} s before row {row + 1}, taken as going on")
     return (result, tuple(remarks)) if len(remarks) <= _MOST_SET else (time_s, ())
+
+
+def _without_daylight_time(time_s: Array, going: Array) -> tuple[Array, tuple[str, ...]]:
+    """Return times `going` on over the hour, or half, that local stamps (n,) lack where daylight time begins.
+
+    That is in the small hours of a Sunday, at a full hour or half, to the row.
+    """
+    apart = np.diff(time_s)
+    usual_s = float(np.median(apart)) if len(apart) else 0.0
+    result, remarks = going.copy(), []
+    for at in np.flatnonzero(apart > _HALF_HOUR_S).tolist():
+        set_s = _HALF_HOUR_S * np.rint((apart[at] - usual_s) / _HALF_HOUR_S)
+        day, of_day_s = divmod(float(time_s[at]) + 1.5 * usual_s, _DAY_S)
+        to_the_row = abs(apart[at] - usual_s - set_s) < _OFF_PLACE * usual_s
+        begins = of_day_s % _HALF_HOUR_S < usual_s and of_day_s < _SMALL_HOURS_S and day % 7.0 == _SUNDAY
+        if set_s <= _MOST_FORWARD_S and to_the_row and begins and usual_s < _HALF_HOUR_S:
+            result[at + 1 :] -= set_s
+            remarks.append(
+                f"the clock was set forward by {set_s:.6g} s (daylight time) before row {at + 2}, taken as "
+                "going on"
+            )
+    return result, tuple(remarks)
+
+
+def turns_back(step: Array, wraps: float) -> Array:
+    """Return -1 where a time that wraps begins anew and 0 elsewhere, (n,).
+
+    A row that comes late steps back by little, and would come after a long pause if the time had begun anew.
+    """
+    usual = float(np.median(np.mod(step, wraps))) if len(step) else 0.0
+    late = (step > -_NEAR * usual) & (step + wraps > _NEAR * usual)
+    return np.where((step < 0.0) & ~late, -1.0, 0.0)
 
 
 def mean_step_s(time_s: Array) -> float:

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import re
-import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
 from bench.record.exchange._array_files import columns_of, hdf5_arrays, is_text, mat_arrays
+from bench.record.exchange._cells import cells_of
 from bench.record.exchange._text import head_of, layout_of, names_and_units, read_rows
 from bench.record.recording import check_room
 from drivers.base.arrays import Array
@@ -28,14 +27,18 @@ TIME_OF_FILE = "time of the file"
 _MDF_ENDINGS = (".mf4", ".mdf", ".dat")
 _PACKED = (".gz", ".bz2", ".zst", ".lz4", ".br", ".zip", ".xz")
 _KINDS = "text, Parquet (.parquet, .pq), MAT, NPY, NPZ, HDF5 (.h5) or MDF (.mf4)"
-_CHECKSUM = r"\*[0-9A-Fa-f]{2}$"
-"""As NMEA 0183 puts it behind the last number of a line."""
 _LABELS = ("_label", "_labels", "_names")
 _SHOWN = 20
-_NO_PERIODS: Mapping[str, float] = {}
 Sought = Callable[[str], bool]
 Missing = Mapping[str, Collection[str]]
 _NONE_MISSING: Missing = {}
+
+
+class Dated(NamedTuple):
+    """Of a column of date-times: whether they have no zone, and what was guessed of their order."""
+
+    local: bool
+    guessed: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +47,8 @@ class Table:
 
     `units` and `rate_hz`: what the file says of units and of the sample rate; `time`: the column that it says
     is the time, in s (date-times since 1970), "" without; `words`: a cell that is no number, by column;
-    `remarks`: what was guessed or left out.
+    `remarks`: what was guessed or left out. `dated`: columns made of date-times or times of day.
+    `times`: by column of an MDF file its own times, s, where they are others.
     """
 
     columns: dict[str, Array]
@@ -53,22 +57,23 @@ class Table:
     rate_hz: float | None = None
     time: str = ""
     words: dict[str, str] = field(default_factory=dict)
+    dated: dict[str, Dated] = field(default_factory=dict)
+    times: dict[str, Array] = field(default_factory=dict)
 
 
 def read_table(
     file: Path, names: Sequence[str] = (), *, separator: str = "", skip: int | None = None, group: str = "",
     dbc: Sequence[Path] = (), frames: str = "", rate_hz: float | None = None,
-    periods: Mapping[str, float] = _NO_PERIODS, missing: Missing = _NONE_MISSING,
-    sought: Sought = lambda name: False,
+    missing: Missing = _NONE_MISSING, sought: Sought = lambda name: False, apart: bool = False,
 ) -> Table:  # fmt: skip
     """Read a log, by the ending of its name; `names`: these columns only, all of which must be there.
 
     For text are `separator`, `skip` (lines before the first row of numbers) and `missing` (words that stand for
     a missing value, by column). `group` names one of several tables in an NPZ, MAT or HDF5 file, `dbc` decode the
     CAN frames of an MDF file. `frames`: a description's name or file; the log is the bytes of such a unit at
-    `rate_hz`, of which `group` names a message. Channels of an MDF file are put on the times of the first of
-    `names` (`periods`: by how much a column jumps after a turn); without names, they are those of the group with
-    most channels `sought`, of equal ones the longest.
+    `rate_hz`, of which `group` names a message. Channels of an MDF file are interpolated to the
+    times of the first of `names`, or as they are if those of each may stand `apart`; without names, they are
+    those of the group with most channels `sought`, of equal ones the longest.
     ConfigurationError for a file that cannot be read or lacks a column.
     """
     if not file.is_file():
@@ -91,7 +96,7 @@ def read_table(
                 file, mat_arrays(file) if ending == ".mat" else hdf5_arrays(file), names, group, sought
             )
         if has_own_times(file):
-            return _mdf(file, names, dbc, periods, sought)
+            return _mdf(file, names, dbc, sought, apart=apart)
         head = head_of(file)
         layout = layout_of(file, head, separator, skip)
         if layout is None:
@@ -189,74 +194,25 @@ def _table(
     """Return the columns of a frame: numbers as they are, date-times as s since 1970, other text left out."""
     table = Table({}, remarks, units, rate_hz)
     time = ""
-    for name, values in frame.items():
-        numbers, word, dated = _numbers(values, decimal, missing.get(str(name), ()))
-        if word:
-            table.words[str(name)] = word
-        if numbers is None:
+    for name, values in ((str(name), values) for name, values in frame.items()):
+        cells = cells_of(values, decimal, missing.get(name, ()))
+        if cells.word:
+            table.words[name] = cells.word
+        if cells.numbers is None:
             continue
-        table.columns[str(name)] = numbers
-        if dated:
-            units[str(name)] = "s"
-            time = time or (str(name) if bool((np.diff(numbers) > 0.0).mean() > 0.9) else "")
+        table.columns[name] = cells.numbers
+        if cells.remark:
+            remarks.append(f"{name}: {cells.remark}")
+        if cells.dated:
+            units[name] = "s"
+            table.dated[name] = Dated(cells.local, cells.remark)
+            time = time or (name if bool((np.diff(cells.numbers) > 0.0).mean() > 0.9) else "")
     left_out = [name for name in map(str, frame.columns) if name not in table.columns]
     if left_out:
         remarks.append(f"left out, no numbers: {', '.join(left_out)}")
     if words := [f"{name} ({word})" for name, word in table.words.items() if name in table.columns]:
         remarks.append(f"cells that are no numbers count as missing: {', '.join(words)}")
-    return Table(table.columns, remarks, units, rate_hz, time, table.words)
-
-
-def _numbers(
-    values: pd.Series, decimal: str, missing: Collection[str] = ()
-) -> tuple[Array | None, str, bool]:
-    """Return numbers (None: text), a cell that is no number, and whether they are made of dates or times.
-
-    Cells with one of the words `missing` are empty.
-    """
-    import pandas as pd
-
-    if pd.api.types.is_numeric_dtype(values):
-        return np.asarray(values.to_numpy(np.float64, na_value=np.nan)), "", False
-    if pd.api.types.is_timedelta64_dtype(values):
-        values = pd.Timestamp(0) + values
-    if not pd.api.types.is_datetime64_any_dtype(values):
-        text = values.astype("string").str.strip().str.replace(_CHECKSUM, "", regex=True)
-        text = text.mask(text.isin(list(missing)))
-        numbers = pd.to_numeric(text.str.replace(",", ".") if decimal == "," else text, errors="coerce")
-        known = text.notna().to_numpy(np.bool_)
-        odd = known & ~np.isfinite(numbers.to_numpy(np.float64, na_value=np.nan))
-        odd &= ~text.str.lower().isin(["nan", "inf", "-inf"]).to_numpy(np.bool_)
-        word = f"{text.iloc[int(np.argmax(odd))]!r} in row {int(np.argmax(odd)) + 1}" if odd.any() else ""
-        if not known.any() or odd.sum() < 0.5 * known.sum():
-            return np.asarray(numbers.to_numpy(np.float64, na_value=np.nan)), word, False
-        values = _dates(text)
-        if values.notna().sum() < 0.5 * known.sum():
-            return None, word, False
-    seconds = values.dt.tz_localize(None) if getattr(values.dt, "tz", None) is not None else values
-    counts = seconds.to_numpy("datetime64[ns]").astype(np.int64)
-    return np.where(seconds.isna().to_numpy(), np.nan, counts * 1e-9), "", True
-
-
-def _dates(text: pd.Series) -> pd.Series:
-    """Return times of day or date-times; day and month in the order that misses fewest and spans least."""
-    import pandas as pd
-
-    text = text.str.replace(
-        r"(\d\d:\d\d:\d\d)[:_,](\d{1,6})$", r"\1.\2", regex=True
-    )  # ms behind another mark
-    first = str(text.dropna().iloc[0])
-    if re.match(r"\d{1,2}:\d\d", first):
-        return pd.Timestamp(0) + pd.to_timedelta(text, errors="coerce")
-    if not re.match(r"\d", first) or re.fullmatch(r"\d+[.,]\d*", first):  # pandas takes 70,8 for a year
-        return pd.Series(pd.NaT, index=text.index, dtype="datetime64[ns]")
-    ways: list[dict[str, Any]] = [{"format": "ISO8601"}, {"dayfirst": True}, {"dayfirst": False}]
-    if not re.match(r"\d{4}", first):
-        del ways[0]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # pandas remarks on the orders that do not fit
-        tried = [pd.to_datetime(text, errors="coerce", utc=True, **way) for way in ways]
-    return min(tried, key=lambda found: (found.isna().sum(), found.max() - found.min()))
+    return replace(table, time=time)
 
 
 def _parquet(file: Path, names: Sequence[str]) -> Table:
@@ -302,9 +258,7 @@ def _arrays(file: Path, arrays: dict[str, Any], names: Sequence[str], group: str
     return Table({name: columns[name] for name in wanted}, remarks)
 
 
-def _mdf(
-    file: Path, names: Sequence[str], dbc: Sequence[Path], periods: Mapping[str, float], sought: Sought
-) -> Table:
+def _mdf(file: Path, names: Sequence[str], dbc: Sequence[Path], sought: Sought, *, apart: bool) -> Table:
     asammdf = load_asammdf()
     try:
         with asammdf.MDF(file) as opened:
@@ -330,16 +284,24 @@ def _mdf(
             remedy="`gyrobench look --dbc FILE` decodes CAN frames",
         )
     time_s = np.asarray(next(iter(signals.values())).timestamps, np.float64)
-    columns = {}
+    columns, times = {}, {}
     for name, signal in signals.items():
         if signal.samples.dtype.kind in "iufb" and signal.samples.ndim == 1:
-            columns[name] = _on_times(time_s, signal, periods.get(name, 0.0))
+            columns[name], own_s = _values(signal), np.asarray(signal.timestamps, np.float64)
+            if np.array_equal(own_s, time_s):
+                continue
+            if apart:
+                times[name] = own_s
+            else:
+                columns[name] = _on_times(time_s, own_s, columns[name])
     remarks = [f"the group of {len(columns)} channels, one of {len(groups)} in the file"]
     words = {name: "text" for name in signals if name not in columns}
     if words:
         remarks.append(f"left out, no numbers: {', '.join(words)}")
     units = {name: str(signals[name].unit) for name in columns if signals[name].unit}
-    return Table({TIME_OF_FILE: time_s, **columns}, remarks, units, None, TIME_OF_FILE, words)
+    return Table(
+        {TIME_OF_FILE: time_s, **columns}, remarks, units, time=TIME_OF_FILE, words=words, times=times
+    )
 
 
 def _groups(mdf: Any) -> list[dict[str, tuple[str, int, int]]]:
@@ -368,19 +330,20 @@ def _signal(mdf: Any, name: str, group: int, index: int) -> Any:
     return signal
 
 
-def _on_times(time_s: Array, signal: Any, period: float) -> Array:
-    """Return a signal at times (n,), interpolated, NaN where marked invalid; `period`: it jumps by a turn."""
+def _values(signal: Any) -> Array:
+    """Return a signal's values, (n,), NaN where marked invalid."""
     values = np.array(signal.samples, np.float64)
     if signal.invalidation_bits is not None:
         values[np.asarray(signal.invalidation_bits, np.bool_)] = np.nan
-    own_s = np.asarray(signal.timestamps, np.float64)
-    if len(own_s) == len(time_s) and bool((own_s == time_s).all()):
-        return values
+    return values
+
+
+def _on_times(time_s: Array, own_s: Array, values: Array) -> Array:
+    """Return values at times of their own (m,) interpolated to others (n,)."""
     known = np.isfinite(values)
     if not known.any():
         return np.full(len(time_s), np.nan)
-    values = np.unwrap(values[known], period=period) if period else values[known]
-    return np.asarray(np.interp(time_s, own_s[known], values))
+    return np.asarray(np.interp(time_s, own_s[known], values[known]))
 
 
 def load_asammdf() -> Any:

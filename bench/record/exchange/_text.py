@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 import warnings
 from collections import Counter
@@ -24,11 +25,14 @@ _COMMENTS = ("#", "%", "//", "!", "*")
 _SEPARATORS = {"tab": "\t", "semicolon": ";", "comma": ",", "blank": " ", "bar": "|"}
 """In the order in which they are tried, blanks last; several count as one."""
 _MISSING = ["", "NaN", "nan", "NAN", "NA", "N/A", "null", "-"]
+_LINE_END = re.compile(r"\r\n|\n|\r")
 _RATE = re.compile(
-    r"(?:\bfs\b|(?:sampl\w*|output|data)[ _-]*(?:rate|freq\w*)|^\W*frequency)[^\w.]*(?:\[?k?hz\]?\W*)?"
-    r"([\d.]+)\s*(k?hz)?|(?:sampl\w*|\brate|freq\w*)\W*([\d.]+)\s*(k?hz)",
+    r"(?:\bfs\b|(?:sampl\w*|output|data)[ _-]*(?:rate|freq\w*)|^\W*frequency|(sampl\w*|\brate|freq\w*))"
+    r"[^\w.]*(?:([km]?hz)\b[^\w.]*)?(\d[\d.,]*(?:e[-+]?\d+)?)\s*([a-z][\w/]*(?: per s\w*)?)?",
     re.I,
 )
+"""A word for it (the third kind only with a unit), a unit before, the number, a unit behind."""
+_RATE_UNITS = re.compile(r"(k?)(?:hz|sps|samples?(?:/s\w*| per s\w*))", re.I)
 _DATED = re.compile(r"\d+[-/.:]\d+[-/.:]\d")
 """How a date in numbers, or a time of day, begins."""
 _UNIT = re.compile(r"[\[(<]\s*([^\])>]+?)\s*[\])>]\s*$")
@@ -71,8 +75,8 @@ def head_of(file: Path) -> list[str]:
         )
     text = head.decode("utf-8-sig", "replace")
     text = head.decode("latin-1") if "\ufffd" in text[:-4] else text
-    lines = text.splitlines()
-    return lines[:-1] if len(head) == _HEAD_BYTES else lines  # the last one may be cut
+    lines = _LINE_END.split(text)  # str.splitlines() knows more ends of lines than readers of CSV do
+    return lines[:-1] if len(head) == _HEAD_BYTES or not lines[-1] else lines  # the last one may be cut
 
 
 def layout_of(file: Path, lines: Sequence[str], separator: str, skip: int | None) -> TextLayout | None:
@@ -100,7 +104,7 @@ def layout_of(file: Path, lines: Sequence[str], separator: str, skip: int | None
         + (f", {start} lines before the first row" if start > 1 else "")
     )
     headers = headers or [f"c{k + 1}" for k in range(width)]
-    return TextLayout(used, decimal, start, headers, units, _stated_rate(before), remark)
+    return TextLayout(used, decimal, start, headers, units, _stated_rate(before, decimal), remark)
 
 
 def read_rows(file: Path, layout: TextLayout, wanted: Sequence[str]) -> tuple[pd.DataFrame, list[str]]:
@@ -145,7 +149,11 @@ def read_rows(file: Path, layout: TextLayout, wanted: Sequence[str]) -> tuple[pd
 
 
 def _fields(line: str, separator: str) -> list[str]:
-    return line.split() if separator == " " else [part.strip() for part in line.split(separator)]
+    if separator == " ":
+        return line.split()
+    parts = next(csv.reader([line], delimiter=separator)) if '"' in line else []
+    # a line that is in quotes as a whole is not one cell
+    return [part.strip() for part in (parts if len(parts) > 1 else line.split(separator))]
 
 
 class _FirstRow(NamedTuple):
@@ -232,10 +240,19 @@ def _all_units(row: list[str]) -> bool:
     return any(row) and all(not part or _PLAIN_UNIT.fullmatch(part.strip("[]() ")) for part in row)
 
 
-def _stated_rate(before: list[str]) -> float | None:
-    for match in filter(None, map(_RATE.search, before)):
-        number, unit = (match.group(1) or match.group(3)).rstrip("."), match.group(2) or match.group(4) or ""
-        rate_hz = float(number or 0.0) * (1e3 if unit.lower() == "khz" else 1.0)
+def _stated_rate(before: list[str], decimal: str) -> float | None:
+    """Return the sample rate that lines before the rows state, Hz; None without, or with another unit."""
+    for match in (match for line in before for match in _RATE.finditer(line)):
+        short, ahead, number, behind = match.groups()
+        unit = _RATE_UNITS.fullmatch(ahead or behind or ("" if short else "Hz"))
+        if unit is None:
+            continue
+        thousands = "," if decimal == "." else "."
+        try:
+            rate_hz = float(number.rstrip(".,").replace(thousands, "").replace(decimal, "."))
+        except ValueError:
+            continue
+        rate_hz *= 1e3 if unit.group(1) else 1.0
         if 0.0 < rate_hz < 1e6:
             return rate_hz
     return None

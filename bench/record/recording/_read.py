@@ -103,7 +103,12 @@ class Run(Framed, Shown):
 
     @property
     def checksum(self) -> str:
-        """SHA-256 of the run's manifest, which holds those of its files."""
+        """SHA-256 of the run's manifest, which holds those of its files; of an imported run that of its log.
+
+        A log that is imported again, under another name or with another mapping, is the same recording.
+        """
+        if (imported := self.manifest.imported) and (log := self.manifest.files.get(imported.log)):
+            return log.sha256
         return checksum(self._folder / MANIFEST_FILE).sha256
 
     @cached_property

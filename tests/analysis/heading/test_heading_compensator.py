@@ -23,7 +23,7 @@ from bench.analysis.heading import (
 from bench.analysis.heading._checks import STUCK_S, check_log, check_phase, phase_offset_deg, refuse_unsound
 from bench.analysis.heading._frames import position_error
 from bench.analysis.heading._lagged import Evidence, fit_lagged
-from bench.analysis.heading._log import Site, log_from_positions
+from bench.analysis.heading._log import Site, log_from_positions, settled
 from bench.analysis.heading._temperature import ReferenceTemperature
 from drivers.base.constants import EARTH_RATE_RAD_S
 from drivers.base.errors import ConfigurationError, RecordError
@@ -142,6 +142,30 @@ def named(log: PlatformLog, **keywords: object) -> str:
 def test_a_sound_log_has_no_findings(calibration: tuple[PlatformLog, PlatformLog]) -> None:
     assert check_log(calibration[1]) == []
     assert [round(stay.heading_deg) for stay in stays(calibration[1])] == [0, 60, 120, 180, 240, 300]
+
+
+@pytest.mark.parametrize(
+    ("row_s", "turn_dps"), [(1.0, 1.0), (0.1, 6.0), (10.0, 0.15), (1.0, 30.0), (60.0, 30.0)]
+)
+def test_a_slow_turn_parts_two_stays(row_s: float, turn_dps: float) -> None:
+    """An hour at 350, 80, 170 and 81.5 deg, turned at a rate in between, however far apart the rows are."""
+    goals, time_s, heading = (440.0, 530.0, 441.5), 3600.0, [(0.0, 350.0), (3600.0, 350.0)]
+    for goal in goals:
+        time_s += abs(goal - heading[-1][1]) / turn_dps
+        heading += [(time_s, goal), (time_s + 3600.0, goal)]
+        time_s += 3600.0
+    rows_s = np.arange(0.0, time_s, row_s)
+    log = PlatformLog(
+        rows_s, 7.3e-5 * rows_s, 0.0 * rows_s, 0.0 * rows_s, 0.0 * rows_s + 20.0,
+        np.interp(rows_s, *np.array(heading).T) % 360.0, 40.0,
+    )  # fmt: skip
+    found = stays(log)
+    assert [round(stay.heading_deg, 3) for stay in found] == pytest.approx(
+        [350.0, 80.0, 170.0, 81.5], abs=0.1
+    )
+    assert [stay.duration_s for stay in found] == pytest.approx([3600.0] * 4, abs=60.0 + 2.0 * row_s)
+    calm = settled(log, 1200.0)
+    assert calm.mean() == pytest.approx(1.0 - 3 * 1200.0 / time_s, abs=0.05)
 
 
 def test_stuck_sensor(calibration: tuple[PlatformLog, PlatformLog]) -> None:

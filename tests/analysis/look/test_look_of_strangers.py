@@ -257,3 +257,33 @@ def test_columns_that_say_something_else_are_not_taken_for_gyros(tmp_path):
     np.savetxt(path, values, "%.6f", ",", header=names, comments="")
     with pytest.raises(ConfigurationError, match="no gyro and no accelerometer"):
         look(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "per_rad_s"),
+    [("gyro_x_mdps", np.degrees(1e3)), ("gyro_x_mdeg_s", np.degrees(1e3)), ("gyro_x_mrad_s", 1e3),
+     ("gyro_x_mradps", 1e3), ("gyro_x_radps", 1.0), ("gyro_x_dps", np.degrees(1.0)),
+     ("yaw_rate_deg_s", np.degrees(1.0)), ("gyro_x_urad_s", None)],
+)  # fmt: skip
+def test_prefixes_of_units_in_names_count(tmp_path: Path, name: str, per_rad_s: float | None) -> None:
+    rate = 1e-3 + GYROS[:, 0]
+    rows = "".join(f"{t:.2f},{w:.6f}\n" for t, w in zip(TIME, rate * (per_rad_s or 1e6), strict=True))
+    (tmp_path / "log.csv").write_text(f"time_s,{name}\n{rows}")
+    found = look(tmp_path / "log.csv")
+    if per_rad_s is None:
+        assert any("the unit of" in question for question in found.questions)
+        return
+    assert found.axes[0].figures.mean == pytest.approx(np.degrees(rate.mean()), rel=1e-3)
+
+
+def test_what_is_counted_since_power_on_is_no_rate(tmp_path: Path) -> None:
+    """An angle in steps of 0.1 arcsec, one row missing: the rate is its change, and not known over the hole."""
+    rate_dps = 0.01 + 0.02 * _RNG.standard_normal(ROWS)
+    counts = np.rint(np.cumsum(rate_dps) / RATE * 36_000.0)
+    rows = [f"{t:.2f},{n:.0f}\n" for t, n in zip(TIME, counts, strict=True)]
+    del rows[700]
+    (tmp_path / "log.csv").write_text("time_s,gx\n" + "".join(rows))
+    (axis,) = look(tmp_path / "log.csv", LookOptions(units=["gx=0.1 arcsec total"])).axes
+    assert axis.figures.mean == pytest.approx(rate_dps.mean(), abs=2e-4)
+    assert axis.figures.sigma == pytest.approx(rate_dps.std(), rel=0.02)
+    assert axis.figures.outliers == 0 and axis.figures.missing == 1  # the first; one row is bridged

@@ -128,7 +128,10 @@ def test_a_word_is_a_missing_value_and_is_said(tmp_path: Path) -> None:
     ("line", "rate_hz"),
     [("Fs,100", 100.0), ("# sampling rate [Hz]: 200", 200.0), ("# Sample rate = 1.5 kHz", 1500.0),
      ("% data rate: 50", 50.0), ("# Number of samples: 6000", None), ("# gyro rate: 2.5 dps", None),
-     ("# sample 17 of 20", None)],
+     ("# sample 17 of 20", None), ("# Sample rate: 1,000 Hz", 1000.0), ("# Sample rate (kHz): 2", 2000.0),
+     ("# Sampling rate = 1e3", 1000.0), ("# Output rate: 10 ms", None), ("# data rate: 600 samples/min", None),
+     ("# Data rate: 115200 baud, sampling 100 Hz", 100.0), ("# Sample rate: 50 samples per second", 50.0),
+     ("# sampling frequency 2 MHz / 10000 = 200 Hz", None), ("# rate: 3.5e2 sps", 350.0)],
 )  # fmt: skip
 def test_the_sample_rate_is_only_read_where_it_is_said(
     tmp_path: Path, line: str, rate_hz: float | None
