@@ -34,7 +34,7 @@ ROOMS: dict[str, tuple[Part, ...]] = {
             "tests/control/test_session test_table_axes",
         ),
         _part(
-            "bench/control/limits table_station",
+            "bench/control/limits table_station ways",
             "tests/control/test_limits test_table_by_hand test_table_axes test_stations test_session",
         ),
         _part(

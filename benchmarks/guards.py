@@ -432,7 +432,7 @@ MECHANISMS = (
     Mechanism(
         2,
         "an axis beyond its stops ends the run",
-        f"{_CONTROL}.table_station:check_stops",
+        f"{_CONTROL}.ways:check_stops",
         Value("None"),
         "tests/control/test_limits.py",
     ),

@@ -2,7 +2,8 @@
 
 A rule of `[[limits.forbid]]` names a state that must not be: all its conditions together. Before a command it is
 asked whether the state may come about: every quantity is then an interval, from what telemetry says to what has
-been demanded (air that is on its way to -50 degC will pass -40). On telemetry the intervals are points.
+been demanded (air that is on its way to -50 degC will pass -40; a table that spins passes every angle). On
+telemetry the intervals are points, that of the angle is the way since the poll before.
 """
 
 from __future__ import annotations
@@ -28,7 +29,10 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True)
 class Reach:
-    """What may be: intervals of rate (its magnitude, deg/s), angle (deg), air and set point (degC), door open."""
+    """What may be: intervals of rate (its magnitude, deg/s), angle (deg), air and set point (degC), door open.
+
+    That of the angle is the way of the table, turns counted: from 350 to 370 it passes 0.
+    """
 
     rate_dps: Interval
     angle_deg: Interval
@@ -49,7 +53,7 @@ def breaks(rule: ForbiddenState, reach: Reach) -> bool:
     return (
         (rule.door is None or reach.door_open is (rule.door == "open"))
         and _may_be(rule.rate_dps, [reach.rate_dps])
-        and _may_be(rule.angle_deg, [reach.angle_deg])
+        and _may_pass(rule.angle_deg, reach.angle_deg)
         and _may_be(rule.air_temp_c, [reach.air_temp_c])
         and _may_be(rule.set_point_c, [reach.set_point_c])
         and _may_be(rule.aux_temp_c, reach.aux_temp_c)
@@ -112,6 +116,16 @@ def _may_be(band: Band | None, intervals: Iterable[Interval]) -> bool:
     )
 
 
+def _may_pass(band: Band | None, way_deg: Interval) -> bool:
+    """Return whether a way on the circle, turns counted, leads through the band; without a band any does."""
+    if band is None:
+        return True
+    low, high = way_deg
+    begin_deg, width_deg = band.arc_deg
+    ahead = (begin_deg - low) % 360.0
+    return ahead < high - low or ahead + width_deg > 360.0
+
+
 class LimitWatch:
     """The limits of one bench, with the stations whose telemetry and demands they speak of."""
 
@@ -126,24 +140,26 @@ class LimitWatch:
         self._limits, self._clock = limits, clock
         self._table, self._chamber, self._instruments = table, chamber, instruments
         self._with_door = any(rule.door for rule in limits.forbid)
+        self._was_at_deg: float | None = None
 
     def allow(
         self,
         what: str,
         *,
         rate_dps: float | None = None,
-        angle_deg: float | None = None,
+        way_deg: Interval | None = None,
         set_point_c: float | None = None,
     ) -> None:
         """Raise LimitExceeded if a demand, on top of the state and the demands in force, may break a rule.
 
-        Of a quantity that is demanded its new value counts, and for the air the way to it.
+        Of a quantity that is demanded its new value counts, and the way to it: the table's from angle to angle,
+        and the air's.
         """
         if not self._limits.forbid:
             return
-        fastest_dps = max(map(abs, self._table.rates_dps)) if rate_dps is None else abs(rate_dps)
+        fastest_dps = self._table.fastest_dps() if rate_dps is None else abs(rate_dps)
         target_c = self._chamber.set_point_c if set_point_c is None else set_point_c
-        reach = self._reach(fastest_dps, between(self._table.angle_deg(), angle_deg), target_c)
+        reach = self._reach(fastest_dps, way_deg or self._table.way_deg(), target_c)
         remedy = "the command was not sent; change the order of steps or the rule"
         check_rules(self._limits, reach, what, remedy)
 
@@ -157,7 +173,10 @@ class LimitWatch:
             check_ramp(limits, air["air_temp_c"] - before["air_temp_c"], air["time_s"] - before["time_s"])
         if not limits.forbid:
             return
-        reach = self._reach(abs(rate_dps), between(angle_deg), None)
+        was_deg = angle_deg if self._was_at_deg is None else self._was_at_deg
+        self._was_at_deg = angle_deg
+        since_deg = math.remainder(angle_deg - was_deg, 360.0)
+        reach = self._reach(abs(rate_dps), between(angle_deg - since_deg, angle_deg), None)
         found = (
             f"{rate_dps:.3f} deg/s at {angle_deg:.2f} deg, air {air['air_temp_c']:.1f} degC, "
             f"set point {air['set_point_c']:.1f} degC, door {'open' if reach.door_open else 'closed'}"

@@ -26,7 +26,7 @@ class Rules(Protocol):
         what: str,
         *,
         rate_dps: float | None = None,
-        angle_deg: float | None = None,
+        way_deg: tuple[float, float] | None = None,
         set_point_c: float | None = None,
     ) -> None:
         """Raise LimitExceeded if a demand may break a rule of the bench file."""

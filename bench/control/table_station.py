@@ -9,32 +9,24 @@ from dataclasses import dataclass
 from bench.control.history import History
 from bench.control.mounting import Mountings, Turning
 from bench.control.station import Session, Station
+from bench.control.ways import (
+    STILL_DPS,
+    Way,
+    a_turn,
+    check_stops,
+    require_between_stops,
+    require_no_stops,
+    way_to,
+)
 from bench.record.events.run import AngleDemand, Demand, HomeDemand, RateDemand, Sense
 from bench.record.events.safe import LastSeen
 from drivers.base.errors import DeviceRefused, LimitExceeded, RunAborted
 from drivers.kit.config import AxisConfig
 from drivers.kit.instruments import TableState, Turntable, alarms_in_words
 
-ANGLE_MARGIN_DEG = 0.5
 _SETTLED_POLLS = 3
 _STAYS = 10.0
 """A settled table may be off by this many times what counted as settled before it has left its demand."""
-
-
-def check_stops(axis: AxisConfig, angle_deg: float, where: str) -> None:
-    """Raise LimitExceeded if an axis of limited motion is found beyond its stops, by more than half a degree."""
-    low, high = axis.min_angle_deg, axis.max_angle_deg
-    if low is None or high is None:
-        return
-    span = high - low + 2.0 * ANGLE_MARGIN_DEG
-    if span < 360.0 and (angle_deg - low + ANGLE_MARGIN_DEG) % 360.0 > span:
-        raise LimitExceeded(
-            "the axis is beyond its stops",
-            where=where,
-            found=f"{angle_deg:.3f} deg",
-            expected=f"{low:g} .. {high:g} deg (bench file)",
-            remedy="the bench is being made safe; check cables before the axis is turned back",
-        )
 
 
 @dataclass
@@ -95,6 +87,41 @@ class TableStation(Station):
         """Return the newest angle of an axis."""
         return self.history.last[self._columns(axis or self._carrier)[0]]
 
+    def fastest_dps(self, besides: str = "") -> float:
+        """Return the fastest that any axis turns, or will by what is demanded of it, without sign.
+
+        `besides`: an axis that does not count.
+        """
+        pairs = zip(self.axes, self.rates_dps, strict=True)
+        rates = [max(abs(rate), self._demanded_dps(name)) for name, rate in pairs if name != besides]
+        return max(rates, default=0.0)
+
+    def way_deg(self) -> Way:
+        """Return the way of the axis that carries the unit by the demand in force, deg, turns counted."""
+        name = self._carrier
+        demand, now = self.demands[name], self._now(name)
+        moves = self._demanded_dps(name) > 0.0
+        if moves and isinstance(demand, AngleDemand) and demand.sense == "shortest":
+            return self._way_to(name, demand.angle_deg)
+        return a_turn(now) if moves or now is None or abs(now[1]) > STILL_DPS else (now[0], now[0])
+
+    def _demanded_dps(self, name: str) -> float:
+        """Return how fast an axis turns by the demand in force; 0 where it has settled at an angle."""
+        demand = self.demands[name]
+        if isinstance(demand, RateDemand):
+            return abs(demand.rate_dps)
+        settled = demand is None or name in self._stays
+        return 0.0 if settled else min(self._turn_dps[name], self._max_rate_dps(name))
+
+    def _way_to(self, name: str, angle_deg: float, by_deg: float | None = None) -> Way:
+        return way_to(self.axes[name], self._now(name), angle_deg, by_deg)
+
+    def _now(self, name: str) -> tuple[float, float] | None:
+        """Return the newest angle and rate of an axis, None before the first telemetry."""
+        angle, rate = self._columns(name)
+        last = self.history.last
+        return (last[angle], last[rate]) if angle in last else None
+
     def check(self, max_rate_dps: float, axis: str = "") -> None:
         """Raise LimitExceeded if `max_rate_dps` is beyond the bench file's or the table's own limit."""
         allowed = self._max_rate_dps(axis or self._carrier)
@@ -135,10 +162,11 @@ class TableStation(Station):
     def home(self, *, timeout_s: float = 300.0) -> None:
         """Bring every axis to its reference position, outermost first, each settled before the next."""
         for name in self.axes:
-            self._allow(name, "go home", self._turn_dps[name], 0.0)
+            way_deg = self._way_to(name, 0.0)
+            self._allow(name, "go home", self._turn_dps[name], way_deg)
             self._begin(name, HomeDemand(self.name, name))
             self.device.home(self._named(name))
-            self._settle_angle(name, 0.0, 0.002, timeout_s)
+            self._settle_angle(name, 0.0, 0.002, timeout_s + self._lasts_s(name, way_deg))
 
     def point(
         self,
@@ -153,18 +181,20 @@ class TableStation(Station):
         """Turn to `angle_deg` and wait until three polls in a row are within `tolerance_deg`.
 
         `sense`: "shortest", or "positive" or "negative" for the way round; an axis that is there already then
-        makes a whole turn. DeviceRefused if it does not settle there, LimitExceeded beyond its stops.
+        makes a whole turn. DeviceRefused if it does not settle there `timeout_s` after the time that the way
+        takes at the rate of turns, LimitExceeded beyond its stops.
         """
         name = axis or self._carrier
-        self._require_between_stops(name, angle_deg)
-        self._allow(name, f"point to {angle_deg:g} deg", self._turn_dps[name], angle_deg)
+        by_deg = None if sense == "shortest" else self._way_round(name, angle_deg, sense, tolerance_deg)
+        way_deg = self._way_to(name, angle_deg, by_deg)
+        require_between_stops(self.axes[name], angle_deg, way_deg, self._where(name))
+        self._allow(name, f"point to {angle_deg:g} deg", self._turn_dps[name], way_deg)
         self._begin(name, AngleDemand(self.name, name, angle_deg, sense))
-        if sense == "shortest":
+        if by_deg is None:
             self.device.point(angle_deg, self._named(name))
-            self._settle_angle(name, angle_deg, tolerance_deg, timeout_s, wait=settle)
-            return
-        by_deg = self._way_round(name, angle_deg, sense, tolerance_deg)
-        self.device.turn(by_deg, self._named(name))
+        else:
+            self.device.turn(by_deg, self._named(name))
+        timeout_s += self._lasts_s(name, way_deg)
         self._settle_angle(name, angle_deg, tolerance_deg, timeout_s, by_deg, wait=settle)
 
     def spin(
@@ -182,14 +212,16 @@ class TableStation(Station):
 
         Near is within `tolerance_share` of the rate + 0.002 deg/s: more for a table whose rate ripples.
         `across`: the axes under test need not lie along the rotation, as for misalignment or the whirl of an
-        IMU. Otherwise ConfigurationError if they do not, as far as their mounting was told.
+        IMU. Otherwise ConfigurationError if they do not, as far as their mounting was told. LimitExceeded for an
+        axis with stops: it would turn into one.
         """
         name = axis or self._carrier
         self.check(abs(rate_dps), name)
         if rate_dps != 0.0:  # coming to rest is always allowed
+            require_no_stops(self.axes[name], rate_dps, self._where(name))
             if not across:
                 self.mountings.require_along(name, rate_dps, self.angle_deg)
-            self._allow(name, f"spin at {rate_dps:g} deg/s", rate_dps)
+            self._allow(name, f"spin at {rate_dps:g} deg/s", rate_dps, a_turn(self._now(name)))
         self._begin(name, RateDemand(self.name, name, rate_dps, acceleration_dps2))
         self.device.spin(rate_dps, self._named(name), acceleration_dps2)
         tolerance, column = tolerance_share * abs(rate_dps) + 0.002, self._columns(name)[1]
@@ -243,16 +275,19 @@ class TableStation(Station):
         state = self.device.read_state()
         self.take(self._session.now_s, state)
 
-    def _allow(self, name: str, what: str, rate_dps: float, angle_deg: float | None = None) -> None:
+    def _allow(self, name: str, what: str, rate_dps: float, way_deg: Way) -> None:
         """Ask the rules of the bench file; other axes go on as they do."""
         if not self._session.file.limits.forbid:
             return
-        others = [abs(rate) for axis, rate in zip(self.axes, self.rates_dps, strict=True) if axis != name]
         where = f"{self._where(name)}: {what}" if len(self.axes) > 1 else what
-        fastest = max(abs(rate_dps), *others) if others else abs(rate_dps)
+        fastest = max(abs(rate_dps), self.fastest_dps(besides=name))
         self._session.limits.allow(
-            where, rate_dps=fastest, angle_deg=angle_deg if name == self._carrier else None
+            where, rate_dps=fastest, way_deg=way_deg if name == self._carrier else None
         )
+
+    def _lasts_s(self, name: str, way_deg: Way) -> float:
+        """Return how long a way takes at the rate of turns."""
+        return (way_deg[1] - way_deg[0]) / min(self._turn_dps[name], self._max_rate_dps(name))
 
     def _columns(self, name: str) -> tuple[str, str]:
         prefix = "" if name == self._carrier else f"{name}_"
@@ -269,17 +304,6 @@ class TableStation(Station):
         own = self.axes[name].max_rate_dps or math.inf
         device = self.device.limits(self._named(name)).max_rate_dps
         return min(self._session.file.limits.max_rate_dps, own, device)
-
-    def _require_between_stops(self, name: str, angle_deg: float) -> None:
-        low, high = self.axes[name].min_angle_deg, self.axes[name].max_angle_deg
-        if low is not None and high is not None and not low <= angle_deg <= high:
-            raise LimitExceeded(
-                "an angle beyond the stops of the axis",
-                where=self._where(name),
-                found=f"{angle_deg:g} deg",
-                expected=f"{low:g} .. {high:g} deg (bench file)",
-                remedy="mount the unit another way, or take another scheme",
-            )
 
     def _way_round(self, name: str, angle_deg: float, sense: Sense, tolerance_deg: float) -> float:
         self._session.poll()

@@ -7,7 +7,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from bench.control.limits import Reach, between, breaks, check_ramp, check_rules, check_telemetry
-from bench.control.table_station import check_stops
+from bench.control.ways import check_stops
 from bench.record.benchfile import (
     Band,
     ForbiddenState,

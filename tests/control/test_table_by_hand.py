@@ -57,15 +57,15 @@ def test_axes_under_test_lie_along_a_rotation_unless_it_is_one_across_them(acros
     assert len(asked) == (0 if across else 1), "coming to rest is always allowed"
 
 
-@pytest.mark.parametrize(("axis", "angle_deg"), [("a", None), ("b", 20.0), ("", 20.0)])
-def test_a_rule_on_the_angle_speaks_of_the_axis_that_carries_the_unit(axis, angle_deg):
+@pytest.mark.parametrize(("axis", "way_deg"), [("a", None), ("b", (0.0, 20.0)), ("", (0.0, 20.0))])
+def test_a_rule_on_the_angle_speaks_of_the_axis_that_carries_the_unit(axis, way_deg):
     """The last of the axes does, whatever their names."""
     bench, asked = Bench(Table()), []
     axes = (AxisConfig(name="a", number=1, direction="east"), AxisConfig(name="b", number=2, direction="up"))
     station = TableStation(bench.station.device, bench, axes)
     bench.file.limits = LimitsSection(forbid=(ForbiddenState(name="f", rate_dps=Band(above=30.0)),))
-    bench.limits.allow = lambda where, **demand: asked.append((where, demand["angle_deg"]))
+    bench.limits.allow = lambda where, **demand: asked.append((where, demand["way_deg"]))
     station.device.point = lambda angle_deg, axis="": None
     station.history.append(0.0, 0.0, 0.0, 0.0, 0.0)
     station.point(20.0, axis, settle=False)
-    assert asked == [(f"table, {axis or 'b'} axis: point to 20 deg", angle_deg)]
+    assert asked == [(f"table, {axis or 'b'} axis: point to 20 deg", way_deg)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -47,6 +48,7 @@ def cross_checks(data: Mapping[str, Any], resolve_links: bool) -> Iterator[Mista
     yield from _limits(data)
     yield from _table_axes(data)
     yield from _door(data)
+    yield from _rules(data)
 
 
 def device_sections(data: Mapping[str, Any]) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
@@ -220,6 +222,32 @@ def _door(data: Mapping[str, Any]) -> Iterator[Mistake]:
     for number, rule in enumerate(rules if isinstance(rules, (list, tuple)) else ()):
         if isinstance(rule, dict) and rule.get("door") is not None:
             yield Mistake(f"limits.forbid[{number}].door", repr(rule["door"]), expected)
+
+
+def _rules(data: Mapping[str, Any]) -> Iterator[Mistake]:
+    """Name conditions of `[[limits.forbid]]` that can never hold: the rule would guard nothing."""
+    limits, chamber = data.get("limits"), data.get("chamber")
+    rules = limits.get("forbid") if isinstance(limits, dict) else None
+    sensors = bool(data.get("logger")) or (isinstance(chamber, dict) and bool(chamber.get("auxiliary")))
+    for number, rule in enumerate(rules if isinstance(rules, (list, tuple)) else ()):
+        for name, band in rule.items() if isinstance(rule, dict) else ():
+            if not isinstance(band, dict):
+                continue
+            key = f"limits.forbid[{number}].{name}"
+            above, below = (_number(band, end, math.nan) for end in ("above", "below"))
+            if above is None or below is None:
+                continue
+            found = ", ".join(f"{end} = {value!r}" for end, value in band.items())
+            if name == "rate_dps" and below <= 0.0:
+                yield Mistake(key, found, "a rate without sign, which is never below 0")
+            elif name == "angle_deg":
+                alone = above if math.isnan(below) else below if math.isnan(above) else 0.0
+                if not 0.0 <= alone <= 360.0:
+                    yield Mistake(key, found, "above and below, or one of them from 0 to 360")
+            elif above >= below:
+                yield Mistake(key, found, "above less than below: this can never be true")
+            elif name == "aux_temp_c" and not sensors:
+                yield Mistake(key, found, "a sensor that it speaks of: chamber.auxiliary or a [[logger]]")
 
 
 def _number(section: object, name: str, default: float) -> float | None:

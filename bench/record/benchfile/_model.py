@@ -118,6 +118,16 @@ class Band(Section):
         return self
 
     @property
+    def arc_deg(self) -> tuple[float, float]:
+        """Of angles on a circle: where the band begins, and its width; above 350 and below 10 passes 0.
+
+        One end alone goes on to 0, the end of the turn.
+        """
+        begin = 0.0 if self.above is None else self.above
+        end = 360.0 if self.below is None else self.below
+        return begin, (end - begin) % 360.0 or 360.0
+
+    @property
     def text(self) -> str:
         """The band in words."""
         parts = [("above", self.above), ("below", self.below)]
@@ -134,7 +144,11 @@ class ForbiddenState(Section):
     rate_dps: Band | None = Field(
         default=None, description=f"the table's rate in deg/s, without sign: {_BAND_TEXT}"
     )
-    angle_deg: Band | None = Field(default=None, description=f"the table's angle in deg: {_BAND_TEXT}")
+    angle_deg: Band | None = Field(
+        default=None,
+        description="the table's angle in deg, on the circle; { above = 350, below = 10 } passes 0: "
+        f"{_BAND_TEXT}",
+    )
     air_temp_c: Band | None = Field(default=None, description=f"the chamber's air in degC: {_BAND_TEXT}")
     set_point_c: Band | None = Field(
         default=None, description=f"the chamber's set point in degC: {_BAND_TEXT}"

@@ -103,13 +103,9 @@ class Run(Framed, Shown):
 
     @property
     def checksum(self) -> str:
-        """SHA-256 of the run's manifest, which holds those of its files; of an imported run that of its log.
-
-        A log that is imported again, under another name or with another mapping, is the same recording.
-        """
-        if (imported := self.manifest.imported) and (log := self.manifest.files.get(imported.log)):
-            return log.sha256
-        return checksum(self._folder / MANIFEST_FILE).sha256
+        """SHA-256 of the manifest, which holds those of its files; of an imported run that of its log."""
+        log = self.manifest.files.get(self.manifest.imported.log) if self.manifest.imported else None
+        return log.sha256 if log else checksum(self._folder / MANIFEST_FILE).sha256
 
     @cached_property
     def event_log(self) -> Events:
