@@ -10,9 +10,18 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from bench.control.procedure import Parameters, Procedure, find_procedure
+from bench.control.questions import consents
 from bench.record.benchfile import BenchFile, bench_file_from
 from bench.record.figure_limits import SIMPLE, Decision, Limit, wrong_limits
 from drivers.base.errors import BenchError, ConfigurationError
@@ -72,6 +81,13 @@ class PreparedAnswer(_Part):
 
     question: str = Field(min_length=1)
     answer: str = Field(min_length=1)
+
+    @field_validator("answer")
+    @classmethod
+    def _says_yes_or_no(cls, answer: str) -> str:
+        if consents(answer) is None:
+            raise ValueError("an answer begins with yes, done or ok, or with no, abort or stop")
+        return answer
 
 
 class Notice(_Part):

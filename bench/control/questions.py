@@ -5,15 +5,23 @@ from __future__ import annotations
 import fnmatch
 import getpass
 import queue
+import re
+import sys
 import threading
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
 from bench.record.events import Role
 from bench.record.events.run import BEFOREHAND, Answer
+from drivers.base.errors import RunAborted
+from drivers.base.files import encodable
 
 _EMULATED = "emulated operator"
+_YES, _NO = ("yes", "y", "done", "ok"), ("no", "n", "abort", "stop")
+_ASKED = 10
+"""Times that a question is put anew after answers that are neither yes nor no."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +57,34 @@ class Reply(NamedTuple):
     role: Role | None = None
 
 
+def consents(answer: str) -> bool | None:
+    """Return whether an answer begins with a yes (yes, done, ok) or with a no (no, abort, stop); None: neither.
+
+    A remark may follow: "done, torque 5 Nm".
+    """
+    word = next(iter(re.findall(r"[^\W\d_]+", answer.casefold())), "")
+    return word in _YES if word in _YES + _NO else None
+
+
+def agreed(question: Question, put: Callable[[Question], Reply], note: Callable[[str], None]) -> Reply:
+    """Put a question until somebody says yes, and return that reply; RunAborted for a no.
+
+    What is neither is told to `note` and asked again, some times: an Enter is no consent.
+    """
+    for _ in range(_ASKED):
+        reply = put(question)
+        said = consents(reply.answer)
+        if said is False:
+            raise RunAborted(f"the operator answered {reply.answer!r} to: {question.text}")
+        if said:
+            return reply
+        note(f"{reply.answer!r} by {reply.by} is neither yes nor no, asked again: {question.text}")
+    raise RunAborted(
+        f"nobody said yes or no in {_ASKED} answers to: {question.text}",
+        expected=f"an answer that begins with {', '.join(_YES + _NO)}",
+    )
+
+
 class Operator(Protocol):
     """Whoever answers."""
 
@@ -79,7 +115,7 @@ class Assisted:
 
         def answer() -> Reply | None:
             reply = answered()
-            if reply is not None and question.act:
+            if reply is not None and question.act and consents(reply.answer):
                 self._perform(dict(question.act))
                 if reply.by == BEFOREHAND:  # now somebody did it
                     return reply._replace(by=_EMULATED)
@@ -156,14 +192,26 @@ class Console:
     def _read(self, text: str) -> None:
         def read() -> None:
             try:
+                drop_typed()
                 line = self._prompt(text)
             except EOFError:  # no terminal: somebody else has to answer
                 return
+            except UnicodeDecodeError as error:  # it is no answer, and is asked again
+                line = repr(error.object)
             with self._lock:
                 self._waiting = False
-                self._lines.put((self._number, line))
+                self._lines.put((self._number, encodable(line)))
 
         threading.Thread(target=read, name="operator", daemon=True).start()
+
+
+def drop_typed() -> None:
+    """Drop what was typed on the terminal before a question: it answers none."""
+    with suppress(ImportError, OSError, ValueError):  # Windows, no terminal, or none any more
+        import termios
+
+        if sys.stdin.isatty():
+            termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)
 
 
 def user_name() -> str:

@@ -42,7 +42,7 @@ from bench.record.run_folder import PICTURES_FOLDER, PROCEDURE_FILE
 from bench.record.signing import SigningKey, bench_key
 from drivers.base.clock import utc_now
 from drivers.base.errors import BenchError, RecordError
-from drivers.base.files import read_bounded, replace_file
+from drivers.base.files import encodable, read_bounded, replace_file
 from drivers.kit.config import GyroConfig, InstrumentConfig, PlatformConfig
 from drivers.kit.instruments import Identity
 from drivers.kit.kinds import (
@@ -373,6 +373,14 @@ def _new_folder(root: Path, name: str) -> Path:
             "a run's id is the name of its folder",
             found=repr(name),
             expected="a name without / that does not lead out of the runs folder",
+        )
+    if encodable(str(root)) != str(root):
+        raise RecordError(
+            "the runs folder has a name that is not UTF-8: no record could say where it is",
+            where=encodable(str(root)),
+            found=repr(str(root)),
+            expected="a name in UTF-8",
+            remedy="rename the folder, or name another with --runs",
         )
     for suffix in ("", *(f"-{n}" for n in range(2, 1000))):
         folder = root / f"{name}{suffix}"

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import os
-import signal
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from types import FrameType
 from typing import Any, cast
 
 from bench.control.devices import open_chamber, open_clock, open_instrument, open_table
@@ -23,6 +21,7 @@ from bench.control.questions import Operator
 from bench.control.run_record import RunRecord
 from bench.control.safe_state import bring_to_rest
 from bench.control.session import Bench
+from bench.control.signals import asking, held
 from bench.control.stream_stations import GyroStation, PlatformStation, StreamStation, StreamTap
 from bench.control.watchdog import Watchdog
 from bench.record.benchfile import BenchFile, Calibration, overdue
@@ -47,9 +46,6 @@ from drivers.kit.config import SupplyConfig, UnderTestConfig
 from drivers.kit.instruments import Gyro, Supply
 from drivers.kit.kinds import Connection
 from drivers.kit.registry import load_kind
-
-_STOPPING = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
-"""What asks a run to stop, of that what the system has: Windows knows the last, and no SIGHUP."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +162,7 @@ def _run(request: RunRequest) -> RunResult:
             stack.callback(clock.close)
             if request.emulated is None and isinstance(clock, VirtualClock) and clock.emulated:
                 record.emulated(clock.emulated)
-            stack.enter_context(_signals(clock))
+            stack.enter_context(asking(clock))
             if request.live is not None:
                 paced = request.file.bench.clock is not None
                 stack.enter_context(request.live.steering(clock.interrupt, paced=paced))
@@ -195,14 +191,15 @@ def _run(request: RunRequest) -> RunResult:
         if unsafe := [str(state) for state in safe if not state.confirmed]:
             outcome = "aborted"
             reason = f"{reason} NOT CONFIRMED SAFE, go and look: {'; '.join(unsafe)}".strip()
-        try:
-            sealed, warnings = record.close(outcome, reason, duration_s, error)
-        except RecordError as problem:
+        with held("the record is being closed"):
+            try:
+                sealed, warnings = record.close(outcome, reason, duration_s, error)
+            except RecordError as problem:
+                if request.live is not None:
+                    request.live.end("aborted", f"{reason} {problem}".strip(), safe=safe)
+                raise _unsealed(record.folder, problem, outcome, reason, safe) from problem
             if request.live is not None:
-                request.live.end("aborted", f"{reason} {problem}".strip(), safe=safe)
-            raise _unsealed(record.folder, problem, outcome, reason, safe) from problem
-        if request.live is not None:
-            request.live.end(sealed.outcome, sealed.reason, warnings, error=error, safe=safe)
+                request.live.end(sealed.outcome, sealed.reason, warnings, error=error, safe=safe)
     return RunResult(record.folder, sealed.outcome, sealed.reason, duration_s, error, warnings, tuple(safe))
 
 
@@ -341,28 +338,3 @@ def _open_unit(
     if isinstance(station, PlatformStation):
         station.device = device
     return device, station
-
-
-@contextmanager
-def _signals(clock: Clock) -> Iterator[None]:
-    """While a run goes on, Ctrl-C, SIGTERM and a terminal that closes ask the clock to stop; the bench is made
-    safe, then we leave. Under nohup a closed terminal stays ignored.
-    """
-
-    def ask(number: int, frame: FrameType | None) -> None:
-        name = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
-        clock.interrupt.request(f"stopped by {name}")
-
-    try:
-        before = {
-            number: signal.signal(number, ask)
-            for number in (signal.Signals[name] for name in _STOPPING if hasattr(signal, name))
-            if number.name != "SIGHUP" or signal.getsignal(number) is signal.SIG_DFL
-        }
-    except ValueError:  # not the main thread: whoever embeds the bench there owns the signals
-        before = {}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

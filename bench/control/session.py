@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from bench.control.chamber_station import ChamberStation
+from bench.control.displays import Display, Displays
 from bench.control.instrument_station import Instruments
 from bench.control.limits import LimitWatch
 from bench.control.live import Live
 from bench.control.progress import Progress, air_rate_k_per_min, gyro_progress
-from bench.control.questions import Operator, Question
+from bench.control.questions import Operator, Question, Reply, agreed
 from bench.control.run_record import RunRecord
 from bench.control.safe_state import Reading, bring_to_rest
 from bench.control.station import Station
@@ -61,7 +62,7 @@ class Bench:
         clock: Clock,
         record: RunRecord,
         operator: Operator,
-        displays: Sequence[Callable[[Progress], None]] = (),
+        displays: Sequence[Display] = (),
         steering: Live | None = None,
         tests: Literal["gyro", "platform"] = "gyro",
     ) -> None:
@@ -83,7 +84,7 @@ class Bench:
         self._reconnect = Reconnect(
             clock, self._lose, lambda unit: self._stream_watchdog.back(unit, clock.now()), self.note
         )
-        self._record, self._displays, self._steering = record, displays, steering
+        self._record, self._displays, self._steering = record, Displays(displays, self.note), steering
         self._standing_s = 0.0
         self._standing_from_s: float | None = None
         self._paused, self._resumed_by = False, ""
@@ -156,20 +157,22 @@ class Bench:
             self._show(self._doing)
 
     def ask(self, question: str, *, picture: Path | None = None, **act: Any) -> str:
-        """Put a question to the operator, with a PNG or JPEG, and wait, telemetry running, for the answer."""
+        """Put a question to the operator, with a PNG or JPEG, and wait, telemetry running, for a yes."""
         self.table.mountings.require_known(act)  # before anybody is asked
         asked = Question(question, act, self._record.keep_picture(picture, self.note))
-        self.event(Prompt(question, asked.picture))
+        reply = agreed(asked, self._reply, self.note)
+        self.table.mountings.tell(act)
+        return reply.answer
+
+    def _reply(self, asked: Question) -> Reply:
+        self.event(Prompt(asked.text, asked.picture))
         answered = self.operator.ask(asked)
         with self._standing():
             while (reply := answered()) is None:
                 self._stream_watchdog.excuse_until(self.clock.now() + 1.0)
-                self.wait(0.2, f"operator: {question}")
-        self.table.mountings.tell(act)
+                self.wait(0.2, f"operator: {asked.text}")
         self.event(asked.answered(reply))
-        if reply.answer.strip().lower() in ("no", "n", "abort"):
-            raise RunAborted(f"the operator answered {reply.answer!r} to: {question}")
-        return reply.answer
+        return reply
 
     @contextmanager
     def _standing(self) -> Iterator[None]:
@@ -315,9 +318,7 @@ class Bench:
 
     def _show(self, doing: str) -> None:
         if self._displays:
-            progress = self.progress(doing)
-            for display in self._displays:
-                display(progress)
+            self._displays.show(self.progress(doing))
 
     def progress(self, doing: str) -> Progress:
         """Return what a display shows now."""
@@ -352,8 +353,7 @@ class Bench:
 
     def _pause(self, before: str) -> None:
         """Stand still, telemetry running, as long as somebody wants a pause."""
-        steering = self._steering
-        if steering is None or not (by := steering.pause_wanted):
+        if (steering := self._steering) is None or not (by := steering.pause_wanted):
             return
         self._note_requests()
         self.event(Paused(by))

@@ -81,6 +81,11 @@ def replace_file(path: Path, content: bytes | str, *, sync: bool = True, mode: i
         raise
 
 
+def encodable(text: str) -> str:
+    """Return a text as UTF-8 can hold it: what bytes of another encoding became is a question mark."""
+    return text.encode("utf-8", "replace").decode("utf-8")
+
+
 def parse_json(content: bytes | str) -> Any:
     """Return the value of a JSON text; ValueError if it is none, or is nested so deep that no file of ours is."""
     try:

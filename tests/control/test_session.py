@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from bench.control.displays import Displays
 from bench.control.questions import AssumeYes, Reply
 from bench.control.session import Bench
 from bench.record.benchfile import LimitsSection, SafeSection
@@ -297,7 +298,7 @@ def test_an_instrument_whose_own_port_is_gone_is_looked_for_when_the_others_rest
     made.bench.wait(1.5)
     made.log.clear()
     shown = []
-    made.bench._displays = [lambda progress: shown.append((progress, tuple(made.log)))]
+    made.bench._displays = Displays([lambda progress: shown.append((progress, tuple(made.log)))], print)
     for call in ("halt", "make_safe", "read_rest"):
         monkeypatch.setattr(made.table, call, gone)
     assert made.bench.make_safe("a test") is False

@@ -17,7 +17,7 @@ from bench.control.process import process_start
 from bench.record.events.run import Note, Requested, Role
 from drivers.base.clock import epoch_seconds, utc_now
 from drivers.base.errors import ConfigurationError, RecordError
-from drivers.base.files import SETTINGS_BYTES, parse_json, read_bounded, replace_file
+from drivers.base.files import SETTINGS_BYTES, encodable, parse_json, read_bounded, replace_file
 from drivers.base.system import open_flags
 from drivers.base.windows import HOLDS_PROCESSES, process_runs
 
@@ -89,7 +89,7 @@ def drop_answer(session: Path, prompt_id: int, answer: str, by: str, role: Role 
 
     Raises ConfigurationError for an answer that is empty or too long.
     """
-    given = Answer(answer.strip(), by.strip() or "unknown", utc_now(), role)
+    given = Answer(encodable(answer).strip(), encodable(by).strip() or "unknown", utc_now(), role)
     text = json.dumps(asdict(given), ensure_ascii=False)
     if not given.answer or len(text.encode()) > _LONGEST:
         raise ConfigurationError(
@@ -116,7 +116,7 @@ def read_answer(session: Path, prompt_id: int) -> Answer | None:
     if found is None:
         return None
     try:
-        words = {name: str(found[name]) for name in ("answer", "by", "utc")}
+        words = {name: encodable(str(found[name])) for name in ("answer", "by", "utc")}
         return Answer(**words, role=_role(found))
     except KeyError as error:
         raise RecordError("this is not an answer", where=str(path), found=f"no {error}") from error
@@ -126,7 +126,7 @@ def drop_request(session: Path, action: Action, by: str, role: Role | None = Non
     """Ask a session for pause, resume or abort."""
     if action not in get_args(Action):
         raise ConfigurationError("an unknown request", found=action, expected=", ".join(get_args(Action)))
-    request = Requested(action, by.strip()[:_LONGEST_NAME] or "unknown", utc_now(), role)
+    request = Requested(action, encodable(by).strip()[:_LONGEST_NAME] or "unknown", utc_now(), role)
     # the name sorts by time, then by the order in this process, so that requests are taken in order
     name = f"{epoch_seconds() * 1e3:.0f}-{next(_order):06d}-{secrets.token_hex(4)}.json"
     path = session / LIVE_FOLDER / "requests" / name
@@ -173,7 +173,7 @@ def take_requests(session: Path) -> Iterator[Requested | Note]:
             path = folder / name
             try:
                 found = _read_small(path) or {}
-                action, by, utc = (str(found.get(key, "")) for key in ("action", "by", "utc"))
+                action, by, utc = (encodable(str(found.get(key, ""))) for key in ("action", "by", "utc"))
                 if action not in get_args(Action):
                     raise RecordError("this is not a request", where=str(path), found=repr(action[:40]))
                 yield Requested(action, by[:_LONGEST_NAME] or "unknown", utc[:40], _role(found))

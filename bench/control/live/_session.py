@@ -263,7 +263,10 @@ class Live:
             replace_file(self._session / LIVE_FOLDER / NOW_FILE, text, sync=False)
             self._write_history()
             self.problem = ""
-        except OSError as error:
+        except (
+            OSError,
+            ValueError,
+        ) as error:  # the thread also takes what others ask, an abort: it must go on
             self.problem = str(error)
 
     def _write_history(self) -> None:

@@ -239,7 +239,7 @@ class Controls:
                 yes = ui.button("Done, go on", on_click=lambda: self._answer(asked, "yes")).props(
                     'no-caps unelevated data-testid="answer-yes"'
                 )
-                other = ui.input(placeholder="or another answer").props("dense outlined maxlength=200")
+                other = ui.input(placeholder="yes or no, with a remark").props("dense outlined maxlength=200")
                 other.on("keydown.enter", lambda: self._answer(asked, str(other.value or "")))
                 no = ui.button("No: abort", on_click=lambda: self._answer(asked, "no"))
                 no.props("no-caps outline")

@@ -284,3 +284,21 @@ def test_a_row_of_the_history_has_the_mean_of_all_samples_since_the_row_before(s
     rows, _ = read_lines(tmp_path / "run" / "live" / "history.jsonl")
     found = [(row["time_s"], row["gyros"]["fog_1"][2]) for row in rows]
     assert found == [(1.0, 0.5), (2.0, 0.3), (3.0, None), (4.0, 0.0)]
+
+
+def test_text_of_another_encoding_stops_neither_answer_nor_request(session, tmp_path):
+    session.ask(Question("Ready?"))
+    (number,) = session._prompts
+    assert drop_answer(tmp_path, number, "j\udce4", "Jos\udce9") == read_answer(tmp_path, number)
+    assert read_answer(tmp_path, number).by == "Jos?"
+    requests = tmp_path / "live" / "requests"
+    requests.mkdir(exist_ok=True)
+    (requests / "1.json").write_text('{"action": "pause", "by": "\\ud800", "utc": ""}')
+    assert drop_request(tmp_path, "abort", "Jos\udce9").by == "Jos?"
+    assert [(one.action, one.by) for one in take_requests(tmp_path)] == [("pause", "?"), ("abort", "Jos?")]
+
+
+def test_what_cannot_be_written_does_not_end_the_thread_that_takes_an_abort(session, monkeypatch):
+    monkeypatch.setattr(session, "_now", lambda: {"doing": "\ud800"})
+    session._write()
+    assert "surrogates" in session.problem
