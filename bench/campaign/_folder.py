@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 from typing import Any, Literal
 
 from bench.campaign._file import Campaign, CampaignRun, load_campaign
@@ -231,7 +232,9 @@ def refuse_used(path: Path) -> None:
             where=str(path),
             found="a campaign that was begun" if begun else "files",
             expected="a new or empty folder: runs are never overwritten",
-            remedy=f"`gyrobench campaign resume {path}`" if begun else "name another one with --out",
+            remedy=f"`gyrobench campaign resume {quote(str(path))}`"
+            if begun
+            else "name another one with --out",
         )
 
 

@@ -8,6 +8,7 @@ import threading
 import urllib.request
 from collections import deque
 from collections.abc import Callable
+from http.client import HTTPException
 from typing import Any
 
 from bench.campaign._file import Notice
@@ -56,7 +57,7 @@ class Notifier:
             elif notice.file is not None:
                 with notice.file.open("ab") as file:
                     file.write(body)
-        except (OSError, ValueError, subprocess.SubprocessError) as error:
+        except (OSError, ValueError, HTTPException, subprocess.SubprocessError) as error:
             problem = f"{type(error).__name__}: {error}"
         to = notice.webhook or str(notice.file or (notice.command or ("",))[0])
         self.sent.append(Notified(str(message["on"]), to, problem))

@@ -17,6 +17,7 @@ import hashlib
 import json
 import os
 import socket
+import stat
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from drivers.base.clock import utc_now
 from drivers.base.errors import BenchInUse, ConfigurationError
 from drivers.base.locks import is_locked, release_lock, take_lock
 from drivers.base.system import open_flags, state_folder
+from drivers.kit.places import socket_address
 
 _PSEUDO_TERMINALS = "/dev/pts/"
 
@@ -134,11 +136,23 @@ def lease_holder(file: BenchFile) -> Holder | None:
 
 def _paths(file: BenchFile) -> list[tuple[str, Path]]:
     """Return (port, its lease file), in an order that is the same for everybody: no deadlock, no half lease."""
-    ports = file.ports.values()
-    places = sorted({os.path.realpath(port) if port.startswith("/") else port for port in ports})
+    places = sorted({_place(port) for port in file.ports.values()})
     folder = state_folder() / "leases"
     names = [hashlib.sha256(device_at(place).encode()).hexdigest()[:24] for place in places]
     return [(place, folder / f"{name}.json") for place, name in zip(places, names, strict=True)]
+
+
+def _place(port: str) -> str:
+    """Return where a port leads, the same however it is written: links followed, a host by its address."""
+    if port.startswith("/"):
+        return os.path.realpath(port)
+    try:
+        host, number = socket_address(port)
+        found = socket.getaddrinfo(host, number, socket.AF_UNSPEC, socket.SOCK_STREAM)
+    except (OSError, ValueError):  # no socket, or a host that nobody knows now
+        return port
+    address = str(found[0][4][0])
+    return f"socket://{'127.0.0.1' if address == '::1' else address}:{number}"
 
 
 def device_at(place: str) -> str:
@@ -160,29 +174,70 @@ def _lock(path: Path, port: str) -> int:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             descriptor = os.open(path, open_flags("O_RDWR", "O_CREAT"), 0o644)
+            _share(descriptor, path.parent)
+        except PermissionError as error:
+            if _removed(path, port):
+                continue
+            raise _unwritable(path, error) from error
         except OSError as error:
-            raise ConfigurationError(
-                "the lease of the bench cannot be written",
-                where=str(path),
-                found=error.strerror or str(error),
-                expected="a folder for state that can be written",
-                remedy="set XDG_STATE_HOME to one that everybody who uses this bench can write",
-            ) from error
+            raise _unwritable(path, error) from error
         try:
             take_lock(descriptor)
         except BlockingIOError:
             holder = _read(descriptor)
             os.close(descriptor)
-            raise BenchInUse(
-                "the bench is in use",
-                where=port,
-                found=str(holder) if holder else "a lease that is being taken at this moment",
-                expected="a bench that nobody uses",
-                remedy="wait until it is free, or ask its user; a lease ends with the process that has it",
-            ) from None
+            raise _in_use(port, holder) from None
         if _is_at(descriptor, path):
             return descriptor
         os.close(descriptor)  # given back, and removed, between opening and locking
+
+
+def _share(descriptor: int, folder: Path) -> None:
+    """Let everybody write a lease who may write its folder: accounts that share a bench share its leases."""
+    with contextlib.suppress(OSError):  # somebody else's, who has done so
+        others = stat.S_IMODE(folder.stat().st_mode) & 0o022
+        if others and hasattr(os, "fchmod"):
+            os.fchmod(descriptor, 0o600 | others | others << 1)
+
+
+def _removed(path: Path, port: str) -> bool:
+    """Remove a lease of another account that nobody has any more; whether that could be done.
+
+    BenchInUse for one that is held.
+    """
+    try:
+        descriptor = os.open(path, open_flags("O_RDONLY"))
+    except OSError:
+        return False
+    try:
+        if is_locked(descriptor):
+            raise _in_use(port, _read(descriptor))
+        path.unlink()
+    except OSError:
+        return False
+    finally:
+        os.close(descriptor)
+    return True
+
+
+def _unwritable(path: Path, error: OSError) -> ConfigurationError:
+    return ConfigurationError(
+        "the lease of the bench cannot be written",
+        where=str(path),
+        found=error.strerror or str(error),
+        expected="a folder for state that can be written",
+        remedy="set XDG_STATE_HOME to one that everybody who uses this bench can write",
+    )
+
+
+def _in_use(port: str, holder: Holder | None) -> BenchInUse:
+    return BenchInUse(
+        "the bench is in use",
+        where=port,
+        found=str(holder) if holder else "a lease that is being taken at this moment",
+        expected="a bench that nobody uses",
+        remedy="wait until it is free, or ask its user; a lease ends with the process that has it",
+    )
 
 
 def _is_at(descriptor: int, path: Path) -> bool:

@@ -232,11 +232,16 @@ class OperatorsFile:
 
 
 def checked_name(name: str) -> str:
-    """Return an operator's name without blanks around it; ConfigurationError for one that cannot be shown."""
-    found = " ".join(name.split())
-    if not 0 < len(found) <= _LONGEST_NAME or not found.isprintable() or set("<>\"'`\\") & set(found):
+    """Return an operator's name without blanks around it; ConfigurationError for one that cannot be shown.
+
+    An apostrophe is a typographic one: O’Brien.
+    """
+    found = " ".join(name.split()).replace("'", "\N{RIGHT SINGLE QUOTATION MARK}")
+    if not 0 < len(found) <= _LONGEST_NAME or not found.isprintable() or set('<>"`\\') & set(found):
         raise ConfigurationError(
-            "this is no name for the record", found=repr(name[:80]), expected=f"1 to {_LONGEST_NAME} letters"
+            "this is no name for the record",
+            found=repr(name[:80]),
+            expected=f'1 to {_LONGEST_NAME} letters, none of them < > " ` \\',
         )
     return found
 

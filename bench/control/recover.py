@@ -5,11 +5,13 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
 from bench.control.lease import lease_holder
+from bench.control.live import read_now
 from bench.control.run_record import decode_run
 from bench.record.benchfile import bench_file_from
 from bench.record.events import Event
@@ -60,7 +62,8 @@ def recover(folder: Path, by: str = "") -> Manifest:
         return manifest
     holder = lease_holder(bench_file_from(manifest.bench))
     # A run, its watchdog included, keeps its lease from before it begins until it ends: a later one is another's.
-    if holder is not None and holder.since_utc <= manifest.started_utc:
+    # Clocks are set: what says itself that it goes on does, whenever its lease was taken.
+    if holder is not None and (holder.since_utc <= manifest.started_utc or _goes_on(folder, manifest)):
         raise BenchInUse(
             "the run may still be going on",
             where=str(folder),
@@ -78,6 +81,16 @@ def recover(folder: Path, by: str = "") -> Manifest:
             expected="a run folder that can be written, with space and inodes on its disk",
             remedy="free some, or copy the folder to another disk, and recover it there",
         ) from error
+
+
+def _goes_on(folder: Path, manifest: Manifest) -> bool:
+    """Return whether the process of a run, or of the campaign that it belongs to, lives and is at it."""
+    for place in (folder, folder.parent.parent):
+        with suppress(BenchError):
+            now = read_now(place)
+            if now and now["alive"] and (now.get("run") or {}).get("run_id") == manifest.run_id:
+                return True
+    return False
 
 
 def _complete(folder: Path, manifest: Manifest, by: str) -> Manifest:

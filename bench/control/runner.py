@@ -8,6 +8,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from shlex import quote
 from typing import Any, cast
 
 from bench.control.devices import open_chamber, open_clock, open_instrument, open_table
@@ -226,7 +227,7 @@ def _unsealed(
         found=f"{problem.found}; {ended}",
         expected=problem.expected,
         remedy=f"what is on the disk can be read: with the folder back and room on its disk, "
-        f"`gyrobench runs recover {folder}` completes it",
+        f"`gyrobench runs recover {quote(str(folder))}` completes it",
     )
 
 

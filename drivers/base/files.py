@@ -96,7 +96,7 @@ def parse_json(content: bytes | str) -> Any:
 
 def parse_toml(content: bytes) -> dict[str, Any]:
     """Return the table of a TOML text; ValueError if it is none, is not UTF-8, or is nested deeper than 64."""
-    text = content.decode("utf-8")
+    text = content.decode("utf-8-sig")  # some editors put a mark before the text
     if _LONG_KEY.search(
         _ASIDE.sub("q", text)
     ):  # time and memory of tomllib grow with the square of a key's parts

@@ -222,7 +222,7 @@ class KvhEmulator:
         if values:
             return b"INVALID," + line
         if name == b"?IS":
-            return f"IS,{self._serial_number}".encode("ascii")
+            return f"IS,{self._serial_number}".encode("ascii", "replace")
         if name == b"?WS":
             return f"WS,{self._firmware}".encode("ascii")
         if name == b"?TEMP":

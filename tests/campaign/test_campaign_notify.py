@@ -2,6 +2,7 @@
 
 import http.server
 import json
+import socket
 import sys
 import threading
 
@@ -94,3 +95,20 @@ def test_a_question_is_announced_and_then_asked(tmp_path):
     assert operator.ask(Question("Door closed?"))() == Reply("yes", "answered beforehand")
     notifier.wait()
     assert json.loads((tmp_path / "notes").read_text())["text"] == "Door closed?"
+
+
+def test_what_is_no_http_is_a_problem_that_is_kept():
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+
+        def answer():
+            connection, _ = listening.accept()
+            connection.sendall(b"220 smtp ready\r\n")
+            connection.close()
+
+        thread = threading.Thread(target=answer, daemon=True)
+        thread.start()
+        (sent,) = told([Notice(webhook=f"http://127.0.0.1:{listening.getsockname()[1]}/x")])
+        thread.join()
+    assert sent.problem
+    (sent,) = told([Notice(webhook="http://lab:port/x")])
+    assert "port" in sent.problem

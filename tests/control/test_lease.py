@@ -7,13 +7,14 @@ import select
 import signal
 import subprocess
 import sys
+import tempfile
 
 import pytest
 
 from bench.control.lease import lease_holder, take_lease
 from bench.control.process import process_start
 from bench.record.benchfile import bench_file_from
-from drivers.base.errors import BenchInUse, ConfigurationError
+from drivers.base.errors import BenchError, BenchInUse, ConfigurationError
 from drivers.base.system import state_folder
 
 pytestmark = pytest.mark.concurrent
@@ -186,3 +187,72 @@ def test_another_terminal_that_gets_the_number_of_a_dead_one_is_another_bench(tm
             number.unlink()
             number.touch()
         take_lease(other, "run on the new lab").release()
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [("socket://localhost:2049", "socket://127.0.0.1:2049"), ("socket://localhost:2049", "socket://LOCALHOST:02049/"),
+     ("SOCKET://127.0.0.1:2049", "socket://127.0.0.1:2049")],
+)  # fmt: skip
+def test_a_network_port_is_one_however_it_is_written(one, other):
+    with take_lease(bench_file(chamber=one), "mine"):
+        with pytest.raises(BenchInUse):
+            take_lease(bench_file(chamber=other, table="/dev/ttyT1", gyro="/dev/ttyG1"), "another")
+        take_lease(
+            bench_file(chamber="socket://127.0.0.1:2050", table="/dev/ttyT1", gyro="/dev/ttyG1"), "a third"
+        ).release()
+
+
+def test_one_port_twice_in_a_bench_file_is_refused_however_it_is_written():
+    with pytest.raises(ConfigurationError, match="a port of its own"):
+        bench_file(chamber="socket://lab:2049", table="socket://LAB:02049")
+
+
+def test_accounts_that_share_the_folder_share_the_leases(tmp_path):
+    """Who comes second may read whose bench it is, and whoever died blocks nobody."""
+    folder = state_folder() / "leases"
+    folder.mkdir(parents=True)
+    folder.chmod(0o777)
+    with take_lease(bench_file(), "mine"):
+        assert {path.stat().st_mode & 0o777 for path in lease_files()} == {0o666}
+    folder.chmod(0o700)
+    with take_lease(bench_file(), "mine"):
+        assert {path.stat().st_mode & 0o022 for path in lease_files()} == {0}
+
+
+def as_another(doing):
+    """Return what a process of another account says that does something: whether it could, or why not."""
+    near, far = os.pipe()
+    if (child := os.fork()) == 0:
+        try:
+            os.setgid(12345)
+            os.setuid(12345)
+            doing()
+            os.write(far, b"taken")
+        except BenchError as error:
+            os.write(far, str(error).encode())
+        finally:
+            os._exit(0)
+    os.close(far)
+    os.waitpid(child, 0)
+    with os.fdopen(near, "rb") as answer:
+        return answer.read().decode()
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="another account: needs root")
+def test_another_account_is_told_who_has_the_bench_and_takes_what_the_dead_left(monkeypatch):
+    """Leases as an earlier version made them: only their owner could write them."""
+    with tempfile.TemporaryDirectory() as shared:
+        monkeypatch.setenv("XDG_STATE_HOME", shared)
+        folder = state_folder() / "leases"
+        folder.mkdir(parents=True)
+        for place in (folder, *folder.parents[:2]):
+            place.chmod(0o777)
+        lease = take_lease(bench_file(), "mine")
+        for path in lease_files():
+            path.chmod(0o644)
+        said = as_another(lambda: take_lease(bench_file(), "theirs"))
+        assert "the bench is in use" in said and "mine" in said
+        for descriptor in lease.descriptors:  # as when the process is killed
+            os.close(descriptor)
+        assert as_another(lambda: take_lease(bench_file(), "theirs")) == "taken"

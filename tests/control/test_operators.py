@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from bench.control.operators import Hash, OperatorsFile, may
+from bench.control.operators import Hash, OperatorsFile, checked_name, may
 from drivers.base.errors import ConfigurationError
 
 GOOD = "kettle violin harbour"
@@ -133,3 +133,9 @@ def test_the_command_adds_lists_changes_and_removes(tmp_path):
     assert '"name": "Ada", "role": "look"' in gyrobench("list", "--json").stdout
     assert gyrobench("remove", "Ada").returncode == 0
     assert '"operators": []' in gyrobench("list", "--json").stdout
+
+
+def test_an_apostrophe_in_a_name_is_a_typographic_one():
+    assert checked_name("  Ann  O'Brien ") == "Ann O\N{RIGHT SINGLE QUOTATION MARK}Brien"
+    with pytest.raises(ConfigurationError, match="none of them <"):
+        checked_name("Ann <b>")

@@ -33,6 +33,7 @@ from bench.campaign.queue._file import (
 )
 from bench.control.lease import lease_holder
 from bench.control.live import read_lines
+from bench.control.operators import checked_name
 from bench.control.process import process_start
 from bench.record.benchfile import load_bench_file
 from bench.record.events import Role
@@ -283,12 +284,11 @@ def _waiting(state: QueueState, item_id: str) -> Item:
 
 
 def _named(by: str) -> str:
-    name = by.strip()[:200]
-    if not name:
+    if not by.strip():
         raise ConfigurationError(
             "nobody asks for this", found="no name", expected="the name of whoever is at the bench"
         )
-    return name
+    return checked_name(by)
 
 
 def _alive(item: Item) -> bool:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from io import FileIO
 from pathlib import Path
+from shlex import quote
 from typing import Any, Literal
 
 from bench.control.devices import made_safe, open_chamber, open_instrument, open_table
@@ -314,7 +315,9 @@ def _words(event: Event, run: Path) -> str:
         return event.text
     if isinstance(event, TakeoverEnded):
         after = "" if event.confirmed else ", go and look before anything else"
-        return f"{event}{after}. What had come is kept: `gyrobench runs recover {run}` completes it"
+        return (
+            f"{event}{after}. What had come is kept: `gyrobench runs recover {quote(str(run))}` completes it"
+        )
     if isinstance(event, SafeState) and event.state == "pending":
         tried = f"its port is tried for {_PORTS_TIMEOUT_S:.0f} s"
         return f"not stopped yet, STOP IT BY HAND; {tried}: {event}"

@@ -10,6 +10,7 @@ from typer import BadParameter, Context, Option, Typer
 
 from bench.present.cli import _options as options
 from bench.present.cli._texts import duration, size
+from drivers.base.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from bench.control.procedure import Parameters, Procedure
@@ -139,6 +140,10 @@ def lab(
         console.say_json("result", file=fmu)
         console.say(str(fmu))
         return
+    if write is not None and not write.parent.is_dir():
+        raise ConfigurationError(
+            "the bench file cannot be written", where=str(write), found="no such folder", expected="a folder"
+        )
     clock: Literal["virtual", "wall"] = "virtual" if virtual else "wall"
     with EmulatedLab(load_bench_file(bench), emulated, clock=clock, apart=True) as served:
         console.table(("device", "port"), served.ports.items())

@@ -92,13 +92,12 @@ def steer(
 
     Exit code 1 if somebody else had answered first.
     """
-    import getpass
-
     from bench.control.live import Action, drop_answer, drop_request, read_now
+    from bench.control.questions import user_name
     from bench.present.cli._console import Terminal
 
     console = Terminal(as_json=as_json)
-    by = by or f"{getpass.getuser()} at another shell"
+    by = by or f"{user_name()} at another shell"
     now = read_now(session)
     if now is None or not now["alive"]:
         raise ConfigurationError(

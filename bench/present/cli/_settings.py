@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from bench.control.procedure import Procedure
 from drivers.base.errors import ConfigurationError
 
-OWN_OPTIONS = ("bench", "runs", "set", "yes", "json", "plant", "seed", "help")
+OWN_OPTIONS = ("bench", "runs", "set", "yes", "json", "plant", "seed", "by", "signed-in-as", "help")
 """Options of `run` and `rehearse` themselves: no parameter may have such a name."""
 
 
@@ -65,7 +65,7 @@ def _named(procedure: Procedure, options: Sequence[str]) -> Iterable[tuple[str, 
 
 def _unknown(procedure: Procedure, option: str) -> ConfigurationError:
     names = [_dashed(name) for name in (*procedure.parameters.model_fields, *OWN_OPTIONS)]
-    near = difflib.get_close_matches(option.lstrip("-"), names, n=1)
+    near = difflib.get_close_matches(option.lstrip("-"), set(names) - {option.lstrip("-")}, n=1)
     return ConfigurationError(
         "no such option" if option.startswith("-") else "a word too many",
         where=procedure.name,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -14,7 +15,9 @@ from drivers.base.clock import host_seconds
 _EVERY_S = 1.0
 _LOOK_EVERY_S = 2.0
 _MOST = 24
-"""Sessions that are looked at, the one written to last first."""
+"""Sessions that are followed, the one written to last first."""
+_FAR, _AT_ONCE = 2000, 40
+"""Older ones that are looked at once, and how many at a time: a bench in danger stays until that was seen."""
 _ENDED_S, _ENDED_EVERY_S = 120.0, 10.0
 """A session without a process changes seldom: a watchdog ends its work, somebody acknowledges."""
 
@@ -28,6 +31,8 @@ class Benches:
         """Counts the readings."""
         self._folder = folder
         self._read_at: dict[str, float] = {}
+        self._passed: set[Path] = set()
+        """Older sessions that nobody needs to see."""
         self._look_at = self._next_at = 0.0
         self._strip: tuple[int, list[dict[str, Any]]] = (-1, [])
 
@@ -41,13 +46,39 @@ class Benches:
         if now_s >= self._look_at:
             self._look_at = now_s + _LOOK_EVERY_S
             known = {session.path: session for session in self.sessions}
-            paths = self._folder.sessions()[:_MOST]
-            self.sessions = [known.get(path) or Session(self._folder, path) for path in paths]
+            paths = self._folder.sessions()
+            newest = [known.get(path) or self._read(path) for path in paths[:_MOST]]
+            self.sessions = [*newest, *self._older(paths[_MOST:_FAR], known, newest)]
         for session in self.sessions:
             every_s = _EVERY_S if session.alive or session.age_s < _ENDED_S else _ENDED_EVERY_S
             if now_s - self._read_at.get(session.name, -every_s) >= every_s - 0.01:
                 self._read_at[session.name] = now_s
                 session.update()
+
+    def _read(self, path: Path) -> Session:
+        session = Session(self._folder, path)
+        session.update()
+        return session
+
+    def _older(
+        self, paths: list[Path], known: dict[Path, Session], newest: list[Session]
+    ) -> Iterator[Session]:
+        """Yield the older sessions that still say something: unseen alarms, or the last word of their bench."""
+        benches = {session.bench for session in newest}
+        fresh = 0
+        for path in paths:
+            session = known.get(path)
+            if session is None:
+                if path in self._passed or fresh == _AT_ONCE:
+                    continue
+                fresh += 1
+                session = self._read(path)
+            alone = bool(session.bench) and session.bench not in benches and not session.emulated
+            if session.needs_somebody or alone:
+                benches.add(session.bench)
+                yield session
+            else:
+                self._passed.add(path)
 
     def goes_on(self, run: Path) -> bool:
         """Return whether a living session is at that run."""

@@ -107,10 +107,19 @@ def _shared_ports(devices: _Devices, resolve_links: bool) -> Iterator[Mistake]:
         if not isinstance(port, str):
             continue
         shared = name == "channel" and section.get("interface") in _SHARED
-        place = os.path.realpath(port) if resolve_links and port.startswith("/") else port
+        place = os.path.realpath(port) if resolve_links and port.startswith("/") else _written(port)
         first, both = seen.setdefault(place, (key, shared))
         if first != key and not (shared and both):
             yield Mistake(f"{key}.{name}", repr(port), f"a port of its own ({first} is on this one)")
+
+
+def _written(port: str) -> str:
+    """Return a port in one way of writing it: hosts have no capitals, numbers no zeros in front."""
+    try:
+        host, number = socket_address(port)
+    except ValueError:
+        return port
+    return f"socket://{host.lower()}:{number}"
 
 
 def _sockets(devices: _Devices) -> Iterator[Mistake]:

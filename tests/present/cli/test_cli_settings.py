@@ -48,3 +48,9 @@ def test_what_is_no_parameter_is_refused(options, words):
 def test_no_parameter_has_the_name_of_an_option_of_the_command():
     for procedure in load_procedures().values():
         assert not set(procedure.parameters.model_fields) & set(OWN_OPTIONS), procedure.name
+
+
+def test_an_option_is_no_suggestion_for_itself():
+    with pytest.raises(ConfigurationError, match="no such option") as refused:
+        settings_of(find_procedure("known-state"), [], ["--yes"])
+    assert "did you mean --yes" not in str(refused.value)
