@@ -269,6 +269,8 @@ class TestInABrowser:
             page.locator(".run-row", has=page.get_by_label("run-2")).get_by_role(
                 "link", name="curves"
             ).click()
+            # curves that come push the form down: a press in that moment would miss its button
+            expect(page.get_by_test_id("lanes")).to_have_attribute("data-loaded", "true")
             page.get_by_label("Note", exact=True).fill(f"bolt <b>loose</b> at {width}")
             page.get_by_label("Add a picture").set_input_files(picture)
             page.get_by_role("button", name="Keep the note").click()
