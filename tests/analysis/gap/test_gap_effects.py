@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from drivers.base.constants import EARTH_RATE_DPH, earth_rate_north_dph, earth_rate_up_dph
 from simulators.effects import CATALOGUE, Effect, Stimulus, catalogue
@@ -282,6 +283,29 @@ def test_a_leaning_axis_stays_a_unit_vector() -> None:
         change = (axis[0] - level) * along + (axis[1] - up) * vertical
         column = effect("axis_misalignment").columns(s, {})[0]
         assert column == pytest.approx(math.radians(1.0) * change / lean, rel=1e-4, abs=1e-4)
+
+
+def test_a_lean_that_is_carried_along_is_that_of_a_rigid_case() -> None:
+    """The case and the axis that leans in it, turned together by matrices: about the trunnion, then the table."""
+    lean = 1e-4
+    earth = np.array([earth_rate_north_dph(39.1), 0.0, earth_rate_up_dph(39.1)])  # north, west, up
+    for elevation_deg in (-90.0, -30.0, 0.0, 45.0, 90.0, 135.0):
+        s = stimulus(100, rate_dps=0.0, elevation_deg=elevation_deg, cold=False)
+        s = replace(s, angle_deg=37.0 + 0.0 * s.angle_deg)
+        # a level axis points along the table's zero: above it is up, to its right is east
+        tilt = Rotation.from_euler("y", -elevation_deg, degrees=True)
+        turn = Rotation.from_euler("z", 37.0, degrees=True)
+        columns = effect("axis_misalignment").columns(s, {"carried": 1.0})
+        for column, to in zip(
+            columns, (np.array([0.0, 0.0, lean]), np.array([0.0, -lean, 0.0])), strict=True
+        ):
+            change = earth @ turn.apply(tilt.apply(np.array([1.0, 0.0, 0.0]) + to))
+            change -= earth @ turn.apply(tilt.apply(np.array([1.0, 0.0, 0.0])))
+            assert column == pytest.approx(math.radians(1.0) * change / lean, rel=1e-6, abs=1e-9)
+    # a level axis on a table that turns: what is above it picks up the table's rate
+    level = stimulus(100, rate_dps=3.0, elevation_deg=0.0, cold=False)
+    picked = effect("axis_misalignment").columns(level, {"carried": 1.0})[0]
+    assert picked == pytest.approx(math.radians(1.0) * (earth[2] + 3.0 * 3600.0), rel=1e-9)
 
 
 def test_an_asymmetry_counts_the_magnitude_within_samples_in_which_the_rate_turns() -> None:
