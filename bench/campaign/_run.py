@@ -23,6 +23,7 @@ from bench.control.procedure import Procedure, find_procedure
 from bench.control.progress import Progress
 from bench.control.questions import Assisted, AssumeYes, EmulatedOperator, Operator, Prepared
 from bench.control.runner import RunRequest, RunResult
+from bench.control.signals import raising
 from bench.lab.emulated import EmulatedLab, Plant
 from bench.lab.rehearsal import run_in_lab
 from bench.record.benchfile import BenchFile
@@ -122,9 +123,10 @@ class CampaignRunner:
             live = self._live = stack.enter_context(Live(folder.path))
             outcome, reason = "failed", "the process was stopped"
             try:
-                outcome, reason = self._work()
-            except KeyboardInterrupt:
-                outcome, reason = "aborted", "stopped by Ctrl-C"
+                with raising():
+                    outcome, reason = self._work()
+            except KeyboardInterrupt as stop:
+                outcome, reason = "aborted", f"stopped by {stop if stop.args else 'Ctrl-C'}"
             except BenchError as error:
                 outcome = "aborted" if live.abort is not None else "failed"
                 reason = str(error)

@@ -36,6 +36,17 @@ def asking(clock: Clock) -> Iterator[None]:
 
 
 @contextmanager
+def raising() -> Iterator[None]:
+    """Between runs Ctrl-C, SIGTERM and a terminal that closes raise KeyboardInterrupt with their name."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt(name_of(number))
+
+    with _handled(stop):
+        yield
+
+
+@contextmanager
 def held(doing: str) -> Iterator[None]:
     """Hold the signals that stop a process until the end, and say what goes on; the last one comes then."""
     came: list[int] = []

@@ -1,6 +1,7 @@
 """A campaign on emulated labs: stopped by hand, killed, resumed, steered; the run folders are the truth."""
 
 import json
+import os
 import select
 import shutil
 import signal
@@ -156,6 +157,28 @@ def test_ctrl_c_then_sigkill_then_resume_records_every_run_once(
     (told,) = [row for row in read_events(folder / "runs" / "last.2").rows if row["kind"] == "answer"]
     assert told["by"] == "Bob" and told["answer"] == "yes" and "Mount" in told["question"]
     assert read_manifest(folder / "runs" / "last.2").emulated.seed == 9
+
+
+@pytest.mark.concurrent
+@pytest.mark.parametrize(("number", "word"), [(signal.SIGTERM, "SIGTERM"), (signal.SIGINT, "Ctrl-C")])
+def test_a_signal_between_two_runs_is_told_and_written_down(
+    campaign_path, bench_file, tmp_path, number, word
+):
+    folder = CampaignFolder.create(tmp_path / "out", campaign_path, bench_file, Plant(seed=3), False)
+    before = signal.getsignal(number)
+    told = []
+
+    def say(text):
+        told.append(text)
+        os.kill(os.getpid(), number)
+
+    ending = CampaignRunner(folder, say=say).run()
+    assert (ending.outcome, ending.reason) == ("aborted", f"stopped by {word}")
+    assert [(event.outcome, event.reason) for event in journal(tmp_path / "out", "stopped")] == [
+        ("aborted", f"stopped by {word}")
+    ]
+    assert read_manifest(tmp_path / "out" / "runs" / "turn-1").outcome == "completed" and len(told) == 1
+    assert signal.getsignal(number) is before
 
 
 @pytest.mark.concurrent
