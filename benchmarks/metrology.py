@@ -15,6 +15,7 @@ import sys
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from copy import copy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, cast
@@ -152,24 +153,41 @@ class Unit:
         self.rows = plan.intervals()
         self.inputs = plan.inputs
         self.power_ons_dph = self.faults.bias_spread_dph * rng.standard_normal(plan.grade.power_cycles + 1)
-        errors = {item.quantity: item.standard_uncertainty for item in BENCH if item.quantity in self.bench}
-        spread_c = errors.get("unit_temp_c", 0.0)
-        self.of_temps_c = {temp: spread_c * float(rng.standard_normal()) for temp in TEMPERATURES_C}
-        self.of_angles_deg = errors.get("table_angle_deg", 0.0) * rng.uniform(
-            -(3**0.5), 3**0.5, (2, STEPS, 2)
+        rolls, root = POSITIONS[self.misalignment], 3**0.5
+        self._shares = (
+            rng.standard_normal(len(TEMPERATURES_C)),
+            rng.uniform(-root, root, (2, STEPS, 2)),
+            rng.standard_normal(2),
+            rng.uniform(-root, root, len(rolls)),
         )
-        parts = [errors.get(name, 0.0) for name in ("fixture_deg", "table_wobble_deg")]
-        own = np.array([self.faults.misalignment_deg, self.faults.across_deg])
-        self.off_table_deg = own + math.hypot(*parts) * rng.standard_normal(2)
-        rolls = POSITIONS[self.misalignment]
-        seats = errors.get("fixture_seat_deg", 0.0) * rng.uniform(-(3**0.5), 3**0.5, len(rolls))
-        seats *= len(rolls) > 1  # of a single one the fixture's error has it
-        self.seats_deg = dict(zip(rolls, seats.tolist(), strict=True))
+        self.set_errors()
         self.sequence_ppm = self.faults.sf_spread_ppm * rng.standard_normal(plan.sequences)
         # a transform of another length is slow
         count = 1 << (math.ceil(self.rows[-1].end_s * grade.rate_hz) + 1).bit_length()
         self.fast = simulate(rng, count, (q, n, 0.0, 0.0, 0.0), grade.rate_hz)
         self.slow = simulate(rng, count, (0.0, 0.0, b, k, r), grade.rate_hz)
+
+    def set_errors(self) -> None:
+        """Give the errors that scatter within a test the sizes that they have on the bench."""
+        errors = {item.quantity: item.standard_uncertainty for item in BENCH if item.quantity in self.bench}
+        of_temps, of_angles, off_table, of_seats = self._shares
+        spread_c = errors.get("unit_temp_c", 0.0)
+        self.of_temps_c = dict(zip(TEMPERATURES_C, (spread_c * of_temps).tolist(), strict=True))
+        self.of_angles_deg = errors.get("table_angle_deg", 0.0) * of_angles
+        parts = [errors.get(name, 0.0) for name in ("fixture_deg", "table_wobble_deg")]
+        own = np.array([self.faults.misalignment_deg, self.faults.across_deg])
+        self.off_table_deg = own + math.hypot(*parts) * off_table
+        rolls = POSITIONS[self.misalignment]
+        # of a single seat the fixture's error has it
+        seats = errors.get("fixture_seat_deg", 0.0) * of_seats * (len(rolls) > 1)
+        self.seats_deg = dict(zip(rolls, seats.tolist(), strict=True))
+
+    def on(self, bench: Mapping[str, float]) -> Unit:
+        """Return the same unit with the same noise, tested on a bench with other errors."""
+        other = copy(self)
+        other.bench = bench
+        other.set_errors()
+        return other
 
     @property
     def latitude_deg(self) -> float:

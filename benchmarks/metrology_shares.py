@@ -57,14 +57,14 @@ def _figures(unit: Unit) -> dict[str, Figure]:
 
 def shares(grade: Grade, units: int, inputs: Mapping[str, tuple[str, ...]] = INPUTS) -> Iterator[Share]:
     """Yield every input of every figure of a grade that has at least a hundredth of the variance."""
-    faults = [drawn(grade, seed) for seed in range(units)]
-    without = [_figures(Unit(grade, faults[seed], seed)) for seed in range(units)]
+    tested = [Unit(grade, drawn(grade, seed), seed) for seed in range(units)]
+    without = [_figures(unit) for unit in tested]
     for source, quantities in inputs.items():
         changes: dict[str, list[float]] = {}
         for seed in range(units):
             errors = bench_errors(np.random.default_rng((seed, 3)))
             bench = {quantity: errors[quantity] for quantity in quantities}
-            for name, figure in _figures(Unit(grade, faults[seed], seed, bench)).items():
+            for name, figure in _figures(tested[seed].on(bench)).items():
                 if name in without[seed]:
                     changes.setdefault(name, []).append(figure.value - without[seed][name].value)
         for name, each in changes.items():

@@ -89,10 +89,14 @@ def chambered(set_points_c: Array, pulse_phase: float, *, cold_start: bool) -> d
         state[:n] = np.linalg.solve(flows, -by_air * air - given)
     state[n + 1] = 1.0
     wound_up, late = 0.0, [0] * round(_DEAD_S / CHAMBER_S)
-    kept = np.empty((6, len(set_points_c)))
+    kept: list[tuple[float, ...]] = []
     weights, clock = wound_weights(), pulse_phase * _PULSE_S
     share = 0.0
-    for k, wanted in enumerate(set_points_c.tolist()):
+    shown = np.zeros((4, n + 2))
+    shown[0, LAYERS + 1] = shown[1, LAYERS] = 1.0
+    shown[2, :LAYERS], shown[3, :LAYERS] = 1.0 / LAYERS, weights
+    both, read = np.vstack((onward, shown)), np.empty(n + 4)
+    for wanted in set_points_c.tolist():
         probe += (air - probe) * CHAMBER_S / _PROBE_S
         error = wanted - probe
         # the integral winds up within the actuators' range only
@@ -102,16 +106,15 @@ def chambered(set_points_c: Array, pulse_phase: float, *, cold_start: bool) -> d
         opened = int(clock < -share * _PULSE_S)
         late.append(opened)
         power_w = max(share, 0.0) * _HEATER_W - late.pop(0) * _NITROGEN_W
-        housing = float(state[LAYERS + 1])
-        kept[:, k] = (
-            air, housing, state[LAYERS], state[:LAYERS].mean(), weights @ state[:LAYERS], opened
-        )  # fmt: skip
-        into_wall = _WALL_W_PER_K * (air - wall)
         state[n] = air
-        state[:n] = onward @ state
-        air += CHAMBER_S * (power_w - into_wall - _FILM_W_PER_K * (air - housing)) / _AIR_J_PER_K
+        np.dot(both, state, out=read)
+        seen = read[n:].tolist()
+        kept.append((air, *seen, opened))
+        into_wall = _WALL_W_PER_K * (air - wall)
+        state[:n] = read[:n]
+        air += CHAMBER_S * (power_w - into_wall - _FILM_W_PER_K * (air - seen[0])) / _AIR_J_PER_K
         wall += CHAMBER_S * (into_wall - _OUT_W_PER_K * (wall - ROOM_C)) / _WALL_J_PER_K
-    return dict(zip(BODIES, kept, strict=True))
+    return dict(zip(BODIES, np.array(kept).T.copy(), strict=True))
 
 
 _SPRING_PER_S2 = (2.0 * math.pi * 5.0) ** 2
@@ -133,22 +136,28 @@ def hydraulic(demand_deg: Array, step_s: float) -> Array:
     short = step_s / _INNER
     kinetic, static = _SPRING_PER_S2 * KINETIC_DEG, _SPRING_PER_S2 * STATIC_DEG
     place, speed = float(demand_deg[0]), 0.0
-    found = [place]
-    listed = demand_deg.tolist()
-    for before, after in pairwise(listed):
-        pulled = (after - before) / step_s
+    above, exp, found = static - kinetic, math.exp, [place]
+    inner = [k / _INNER for k in range(_INNER)]
+    for before, after in pairwise(demand_deg.tolist()):
+        moved = after - before
+        pulled = moved / step_s
         if speed == 0.0 and abs(before - place) < STATIC_DEG and abs(after - place) < STATIC_DEG:
             found.append(place)
             continue
-        for k in range(_INNER):
-            force = _SPRING_PER_S2 * (before + k / _INNER * (after - before) - place)
-            force += _VISCOUS_PER_S * (pulled - speed) if speed else 0.0
-            if speed == 0.0 and abs(force) < static:
-                continue
-            way = math.copysign(1.0, speed or force)
-            slides = kinetic + (static - kinetic) * math.exp(-abs(speed) / _STRIBECK_DPS)
-            faster = speed + short * (force - way * slides)
-            speed = 0.0 if speed and faster * speed <= 0.0 else faster
+        for part in inner:
+            force = _SPRING_PER_S2 * (before + part * moved - place)
+            if speed == 0.0:
+                if abs(force) < static:
+                    continue
+                speed = short * (force - static if force > 0.0 else force + static)
+            else:
+                slides = kinetic + above * exp((-speed if speed > 0.0 else speed) / _STRIBECK_DPS)
+                force += _VISCOUS_PER_S * (pulled - speed)
+                faster = speed + short * (force - slides if speed > 0.0 else force + slides)
+                if faster * speed <= 0.0:
+                    speed = 0.0
+                    continue
+                speed = faster
             place += short * speed
         found.append(place)
     return np.array(found)

@@ -12,6 +12,7 @@ import pytest
         ("gyrobench, bench.present.cli._app", "numpy scipy pandas pyarrow torch pydantic rich matplotlib"),
         ("bench.lab.rehearsal, simulators.lab.in_process", "scipy pandas torch matplotlib"),
         ("bench.record.exchange", "scipy pandas torch matplotlib"),
+        ("bench.analysis.figures, bench.present.report", "scipy pandas torch matplotlib"),
         ("simulators.exam", "scipy.stats scipy.signal pandas torch matplotlib"),
         ("bench.analysis.heading", "scipy.stats scipy.signal pandas torch matplotlib"),
     ],

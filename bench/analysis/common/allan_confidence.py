@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincinv
 
 from bench.analysis.common.allan import AllanDeviation
 from drivers.base.arrays import Array
@@ -84,6 +83,8 @@ def confidence_interval(
     Shape (k,) each: deviation * sqrt(edf / chi2). `alpha` are the noise exponents, by default those the
     deviation's own slope shows.
     """
+    from scipy.special import gammaincinv  # slow to import
+
     exponents = noise_exponents(allan) if alpha is None else alpha
     samples = round(allan.record_s * allan.rate_hz)
     lengths = np.rint(allan.tau_s * allan.rate_hz).astype(np.int64)

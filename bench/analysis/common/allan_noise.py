@@ -11,9 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import solve_triangular
-from scipy.optimize import nnls
-from scipy.special import ndtri
 
 from bench.analysis.common.allan import AllanDeviation
 from drivers.base.arrays import Array
@@ -82,6 +79,8 @@ def fit_noise(allan: AllanDeviation, *, level: float = 0.95) -> NoiseFit:
     coefficients given, puts the estimate no further away than `level` allows. ConfigurationError for fewer than
     five usable averaging times.
     """
+    from scipy.special import ndtri  # slow to import
+
     used = allan.tau_s <= LONGEST_SHARE * allan.record_s
     if used.sum() < 5:
         raise ConfigurationError(
@@ -119,6 +118,9 @@ def _fit(
     scatter: _Scatter, variance: Array, covariance: Array, use: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
     """Return the squares (5,), zero where not in `use`, and the covariance of the variances that they give."""
+    from scipy.linalg import solve_triangular  # slow to import
+    from scipy.optimize import nnls  # slow to import
+
     squares = np.zeros(5)
     for _ in range(_ITERATIONS):
         factor = np.linalg.cholesky(covariance)

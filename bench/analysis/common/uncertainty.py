@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.stats import t as student
 
+from bench.analysis.common.quantiles import student
 from drivers.base.arrays import Array
 
 COVERAGE = 0.95
@@ -77,7 +77,7 @@ class Budget:
     def k(self) -> float:
         """Coverage factor."""
         freedom = max(1.0, math.floor(self.freedom)) if math.isfinite(self.freedom) else math.inf
-        return float(student.ppf(0.5 + 0.5 * self.coverage, freedom))
+        return student(0.5 + 0.5 * self.coverage, freedom)
 
     @property
     def expanded(self) -> float:

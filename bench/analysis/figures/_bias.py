@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import isotonic_regression
-from scipy.stats import chi2
 
 from bench.analysis.common.allan_noise import NoiseCoefficients
 from bench.analysis.common.mean_noise import covariance_of_means, draws, freedom_of_blocks, white_variance
+from bench.analysis.common.quantiles import chi_squared
 from bench.analysis.common.statistics import BLOCK_S, bias_stability, block_means
 from bench.analysis.figures._estimate import TWO_SIDED, Estimate, largest
 from drivers.base.arrays import Array
@@ -54,7 +53,7 @@ def bias_figures(output_dph: Array, earth_rate_dph: float, noise: NoiseCoefficie
 def _stability(output: Array, length: int, noise: NoiseCoefficients) -> Estimate:
     value = bias_stability(output, length)
     freedom = freedom_of_blocks(len(output) // length, float(length), noise)
-    low, high = (value * (freedom / float(chi2.ppf(p, freedom))) ** 0.5 for p in (0.975, 0.025))
+    low, high = (value * (freedom / chi_squared(p, freedom)) ** 0.5 for p in (0.975, 0.025))
     return Estimate(value, low, high)
 
 
@@ -126,6 +125,8 @@ def warm_up_time_s(output_dph: Array, tolerance_dph: float, noise: NoiseCoeffici
 
 def _course(means: Array) -> Array:
     """Return the monotone course nearest to block means, rising or falling, about its settled value."""
+    from scipy.optimize import isotonic_regression  # slow to import
+
     courses = [isotonic_regression(means, increasing=rising).x for rising in (True, False)]
     nearest = min(courses, key=lambda course: float(np.sum((means - course) ** 2)))
     return np.asarray(nearest - means[-max(1, len(means) // 4) :].mean())

@@ -12,9 +12,8 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from scipy.stats import t as student
-
 from bench.analysis.common.bench_errors import ASSUMED_ORIGIN, BenchErrors
+from bench.analysis.common.quantiles import student
 from bench.analysis.common.uncertainty import COVERAGE, Budget, Contribution
 from bench.analysis.figures._estimate import TWO_SIDED
 from bench.analysis.figures._parts import (
@@ -54,7 +53,7 @@ def _with_budget(
     if figure.low is None or figure.high is None:
         return figure
     repeats = math.isfinite(figure.freedom)
-    divisor = float(student.ppf(0.5 + 0.5 * COVERAGE, figure.freedom)) if repeats else TWO_SIDED
+    divisor = student(0.5 + 0.5 * COVERAGE, figure.freedom) if repeats else TWO_SIDED
     noise = Contribution(
         "noise",
         (figure.high - figure.low) / (2.0 * divisor),

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import chi2
 
+from bench.analysis.common.quantiles import chi_squared
 from drivers.base.arrays import Array
 
 DRAWS = 2000
@@ -94,7 +94,7 @@ def spread(values: ArrayLike, covariance: Array) -> Estimate:
     noise = float(np.trace(contrast @ covariance)) / freedom
     square = float(np.var(found, ddof=1))
     total = freedom * square
-    low, high = (max(total / float(chi2.ppf(p, freedom)) - noise, 0.0) for p in (1.0 - _TAIL, _TAIL))
+    low, high = (max(total / chi_squared(p, freedom) - noise, 0.0) for p in (1.0 - _TAIL, _TAIL))
     value = max(square - noise, 0.0)
     return Estimate(value**0.5, low**0.5, max(high, square) ** 0.5, low > 0.0)
 

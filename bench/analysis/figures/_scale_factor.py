@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import block_diag
 
 from bench.analysis.common.allan_noise import NoiseCoefficients
 from bench.analysis.common.mean_noise import covariance_of_means, draws
@@ -100,8 +99,8 @@ def scale_factor_figures(
     mean = float(slopes.mean())
     output = np.concatenate([item.output for item in sequences])
     full_scale = abs(mean) * max(float(np.abs(item.rate_dps).max()) for item in sequences)
-    to_slope = block_diag(*(slope_weights(item.rate_dps)[None] for item in sequences))
-    residual = block_diag(*(_residual_weights(item.rate_dps) for item in sequences))
+    to_slope = _beside(*(slope_weights(item.rate_dps)[None] for item in sequences))
+    residual = _beside(*(_residual_weights(item.rate_dps) for item in sequences))
     at_rate = _rows_of_rates(sequences) @ residual
     differences = _rising_and_falling(sequences)
     errors = _errors(sequences, residual, output, noise)
@@ -143,7 +142,7 @@ def _errors(
         covariance = covariance_of_means(start, end, noise)
     if repeats is not None and not covariance.any():
         covariance = np.diag(1.0 / (end - start))
-    centre = block_diag(*(np.eye(len(item.output)) - 1.0 / len(item.output) for item in sequences))
+    centre = _beside(*(np.eye(len(item.output)) - 1.0 / len(item.output) for item in sequences))
     # With a level taken off the covariance is one: of flicker and random walk only differences have a variance.
     errors = draws(centre @ covariance @ centre, DRAWS) / DPH_PER_DPS
     if repeats is None:
@@ -214,3 +213,12 @@ def _asymmetry_weights(item: RateSequence) -> Array:
             )
         weights[side] += sign * slope_weights(item.rate_dps[side])
     return weights
+
+
+def _beside(*blocks: Array) -> Array:
+    """Return matrices (m, n) along the diagonal of one that is zero elsewhere."""
+    ends = np.cumsum([block.shape for block in blocks], axis=0)
+    whole = np.zeros(ends[-1])
+    for block, (row, column) in zip(blocks, ends.tolist(), strict=True):
+        whole[row - block.shape[0] : row, column - block.shape[1] : column] = block
+    return whole
