@@ -221,7 +221,7 @@ class Unit:
         return float(self.output_dph(interval).mean()) / 3600.0
 
     def temp_c(self, interval: Interval) -> float:
-        return (interval.temp_c or 0.0) + self.of_temps_c.get(interval.temp_c or 0.0, 0.0)
+        return (interval.temp_c or 0.0) + float(self.of_temps_c.get(interval.temp_c or 0.0, 0.0))
 
     def true_rate_dps(self, interval: Interval) -> float:
         faster = 1.0 + 1e-6 * self.error("table_rate_ppm")

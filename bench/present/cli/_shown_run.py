@@ -116,6 +116,9 @@ def _say_aftermath(console: Terminal, result: RunResult, *, alone: bool) -> None
         bench = "; ".join([*confirmed, "the rest NOT CONFIRMED: go and look, stop it by hand"])
     console.say(f"bench: {bench}")
     length = duration(result.duration_s)
-    console.say(f"kept: all that came in {length}; `gyrobench report {quote(str(result.folder))}` shows it")
+    console.say(
+        f"kept: all that came in {length}; `gyrobench report {quote(str(result.folder))}` shows it",
+        soft_wrap=True,
+    )
     if alone:  # a campaign says itself how it goes on
         console.say("next: clear the cause, then give the same command again: it begins a new run folder")

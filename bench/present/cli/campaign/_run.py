@@ -122,7 +122,7 @@ def _print_now(
             text = f"{how.outcome} at {utc}"
             console.print(f"{text}: {how.reason}" if how.reason else text)
         if died or stopped is None or stopped[1].outcome != "completed":
-            console.say(f"`gyrobench campaign resume {quote(str(path))}` goes on")
+            console.say(f"`gyrobench campaign resume {quote(str(path))}` goes on", soft_wrap=True)
         return
     console.say(
         f"{now['state']}: {now['step']}: {'an operator is asked' if now['prompts'] else now['doing']}; "
@@ -130,7 +130,7 @@ def _print_now(
     )
     for prompt in now["prompts"]:
         console.print(f"waits for an answer: {prompt['question']}", style="bold yellow")
-        console.say(f"`gyrobench steer {quote(str(path))} answer yes` answers it")
+        console.say(f"`gyrobench steer {quote(str(path))} answer yes` answers it", soft_wrap=True)
     for row in now["log"][-5:]:
         console.say(f"  {duration(float(row['time_s']))} {sentence(event_of(row))}", style="dim")
 
@@ -215,7 +215,7 @@ def _say_ending(
     if ending.reason:
         if ending.reason != said:
             console.say(ending.reason, style=style)
-        console.say(f"`gyrobench campaign resume {quote(str(where))}` goes on")
+        console.say(f"`gyrobench campaign resume {quote(str(where))}` goes on", soft_wrap=True)
     if invalid:
         console.print(f"invalid for their purpose: {', '.join(invalid)}", style="yellow")
     if ending.outcome != "completed":
