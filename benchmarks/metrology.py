@@ -172,7 +172,9 @@ class Unit:
         errors = {item.quantity: item.standard_uncertainty for item in BENCH if item.quantity in self.bench}
         of_temps, of_angles, off_table, of_seats = self._shares
         spread_c = errors.get("unit_temp_c", 0.0)
-        self.of_temps_c = dict(zip(TEMPERATURES_C, (spread_c * of_temps).tolist(), strict=True))
+        self.of_temps_c: dict[float, float] = dict(
+            zip(TEMPERATURES_C, (spread_c * of_temps).tolist(), strict=True)
+        )
         self.of_angles_deg = errors.get("table_angle_deg", 0.0) * of_angles
         parts = [errors.get(name, 0.0) for name in ("fixture_deg", "table_wobble_deg")]
         own = np.array([self.faults.misalignment_deg, self.faults.across_deg])
