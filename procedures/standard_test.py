@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 from numpy.typing import ArrayLike
 
@@ -111,14 +112,29 @@ def small_inputs(bench: Bench, from_deg: float, dwells: Iterable[Dwell]) -> None
 
     Output over azimuth near east + a: W cos(lat) cos(90 deg + a); its slope is W cos(lat) cos(a).
     """
-    horizontal_dph = bench.file.bench.earth_rate_north_dph
     for dwell in dwells:
         from_east = math.radians(_RESOLUTION_DEG) if dwell.test == "resolution" else 0.0
-        share = math.sin(from_east) - dwell.fields["input_dph"] / horizontal_dph
-        turned_deg = math.degrees(math.asin(min(1.0, share)) - from_east)
-        bench.table.point((from_deg + turned_deg) % 360.0, tolerance_deg=0.001)
+        turned, input_dph = turned_for(
+            dwell.fields["input_dph"], from_east, bench.file.bench.earth_rate_north_dph
+        )
+        bench.table.point((from_deg + math.degrees(turned)) % 360.0, tolerance_deg=0.001)
         bench.wait(SETTLE_S, "settling")
-        _measure(bench, dwell)
+        _measure(bench, replace(dwell, fields={**dwell.fields, "input_dph": input_dph}))
+
+
+def turned_for(input_dph: float, from_east: float, horizontal_dph: float) -> tuple[float, float]:
+    """Return the turn from `from_east`, rad both, that changes the input by so much, and by how much it does.
+
+    What the Earth's rate cannot give to one side is given to the other; what it cannot give at all is as large as
+    it can be.
+    """
+    before = math.sin(from_east)
+    share = before - input_dph / horizontal_dph
+    if abs(share) > 1.0:
+        share = before + input_dph / horizontal_dph
+    if abs(share) > 1.0:
+        share = -math.copysign(1.0, before or 1.0)
+    return math.asin(share) - from_east, (before - share) * horizontal_dph
 
 
 def over_temperature(bench: Bench, p: StandardTestParameters, dwells: Iterable[Dwell]) -> None:

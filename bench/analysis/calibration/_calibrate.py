@@ -21,6 +21,7 @@ from bench.analysis.calibration._result import Evaluation, evaluate
 from bench.analysis.calibration._runs import CalibrationRun, increments_of, load_calibration_run
 from bench.analysis.calibration._schedule import load_scheme
 from bench.analysis.common.compensation import provenance
+from bench.analysis.common.runs import require_different
 from bench.record.recording import Run, checksum
 from bench.record.shown import Shown
 from drivers.base.errors import ConfigurationError
@@ -173,6 +174,8 @@ def calibrate(
             raise ConfigurationError(
                 "the run is in the earlier calibration already", where=run.run_id, found=", ".join(each.runs)
             )
+    every = [(name, checksum) for each in earlier for name, checksum in each.runs.items()]
+    require_different([*every, (run.run_id, run.checksum)])
     if not 1.0 <= prior_scale <= _LARGEST:
         raise ConfigurationError(
             "errors that a scheme does not calibrate",

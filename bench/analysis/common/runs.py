@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -32,7 +32,28 @@ def require_separate(training: Sequence[_UnitRun], judging: Sequence[_UnitRun]) 
             expected="training runs and test runs of one unit: a compensation belongs to one gyro",
             remedy="fit each unit on its own runs",
         )
+    require_different((run.run_id, run.checksum) for run in training)
+    require_different((run.run_id, run.checksum) for run in judging)
     require_unseen(training, judging)
+
+
+def require_different(runs: Iterable[tuple[str, str]]) -> None:
+    """Raise ConfigurationError for a recording that is there twice: it would count as two independent ones.
+
+    `runs`: name and checksum of each; one without a checksum is never taken for another.
+    """
+    seen: dict[str, str] = {}
+    for name, checksum in runs:
+        if checksum and checksum in seen:
+            twice = name if name == seen[checksum] else f"{seen[checksum]} and {name}"
+            raise ConfigurationError(
+                "a recording is named twice",
+                where="fit",
+                found=twice,
+                expected="different recordings: each counts as an independent one",
+                remedy="name each once; a copy is no further run",
+            )
+        seen[checksum] = name
 
 
 def require_unseen(training: Sequence[_UnitRun], judging: Sequence[_UnitRun]) -> None:

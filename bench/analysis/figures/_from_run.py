@@ -12,6 +12,7 @@ import numpy as np
 from bench.analysis.common.allan import AllanDeviation
 from bench.analysis.common.allan_noise import NoiseFit
 from bench.analysis.common.bench_errors import BenchErrors
+from bench.analysis.common.runs import require_different
 from bench.analysis.figures._budget import with_budgets
 from bench.analysis.figures._estimate import spread
 from bench.analysis.figures._parts import (
@@ -59,7 +60,10 @@ class StandardFigures(Shown):
 def figures_of_unit(
     folders: Sequence[Path], gyro: str | None = None
 ) -> tuple[list[StandardFigures], Sequence[Figure]]:
-    """Return the figures of one unit's `standard-test` runs, and those over several runs, which are power-ons."""
+    """Return the figures of one unit's `standard-test` runs, and those over several runs, which are power-ons.
+
+    ConfigurationError for a run that is named twice.
+    """
     results = [standard_figures(folder, gyro) for folder in folders]
     units = sorted({result.unit_id for result in results})
     if len(units) != 1:
@@ -70,6 +74,7 @@ def figures_of_unit(
             expected="runs of one unit",
             remedy="name a gyro, or report each unit on its own",
         )
+    require_different((result.run_id, result.run_id) for result in results)
     return results, figures_over_runs(results) if len(results) > 1 else ()
 
 
@@ -149,7 +154,7 @@ def figures_over_runs(runs: Iterable[StandardFigures]) -> tuple[Figure, ...]:
         each = [item for run in runs for item in run.figures if item.name == name]
         if len(each) > 1:
             values = np.array([item.value for item in each])
-            factor = 1e6 / float(values.mean()) if unit == "ppm" else 1.0
+            factor = 1e6 / abs(float(values.mean())) if unit == "ppm" else 1.0
             covariance = np.diag([item.standard_error**2 for item in each])
             found.append(Figure.of(title, spread(values, covariance).times(factor), unit, source))
     return tuple(found)

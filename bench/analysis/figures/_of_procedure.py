@@ -19,7 +19,7 @@ import numpy as np
 from bench.analysis.common.bench_errors import EAST_ORIGIN, BenchErrors
 from bench.analysis.common.uncertainty import Budget, Contribution
 from bench.record.benchfile import calibrations_of
-from bench.record.events.run import Basis, Measured, Source
+from bench.record.events.run import Basis, Measured, Source, labels
 from bench.record.recording import Run, seconds
 from drivers.base.arrays import Array
 from drivers.base.errors import RecordError
@@ -65,7 +65,8 @@ class _Taken:
 def procedure_budgets(run: Run) -> dict[str, Budget]:
     """Return the budget of every measurement of a run's procedure that says what it rests on, by its name.
 
-    The units are those of the measurement. Of a name that was measured twice the last counts. Settings, counts
+    The units are those of the measurement. Where several gyros have one of that name it is "name of gyro";
+    of one that was measured twice the last counts. Settings, counts
     and verdicts of a procedure have no budget, nor have the figures of a standard test here: those are figures
     (`standard_figures`).
     """
@@ -73,7 +74,8 @@ def procedure_budgets(run: Run) -> dict[str, Budget]:
     bench = BenchErrors(calibrations_of(run.manifest.bench), None if doubt_deg is None else 0.5 * doubt_deg)
     phases = run.phases()
     found: dict[str, Budget] = {}
-    for at_s, item in run.of(Measured):
+    measured = run.of(Measured)
+    for (at_s, item), label in zip(measured, labels([each for _, each in measured]), strict=True):
         basis = item.basis
         if basis is None or item.value is None or not math.isfinite(item.value):
             continue
@@ -83,7 +85,7 @@ def procedure_budgets(run: Run) -> dict[str, Budget]:
         taken = _Taken(item.value, item.unit, item.gyro, basis, start_s, at_s, run, bench)
         with suppress(RecordError):  # a record without that table
             if inputs := tuple(_inputs(taken)):
-                found[item.name] = Budget(item.value, inputs)
+                found[label] = Budget(item.value, inputs)
     return found
 
 

@@ -39,7 +39,7 @@ def shrinkage(before: Model, after: Model, runs: Sequence[GapRun], floor: Floor)
     of a band is never known better than to a few per cent. ConfigurationError if a run was used for the fit.
     """
     check_runs(runs)
-    refuse_judges((run.run_id for run in runs), set(after.fitted_on))
+    refuse_judges(((run.run_id, run.checksum) for run in runs), after.fitted_on.items())
     floor = replace(floor, sigma=np.maximum(floor.sigma, _LEAST_SIGMA))
     runs = without_disturbances(runs, before).runs
     cells = rescaled(judged_cells((before, after), runs), floor.ratio)

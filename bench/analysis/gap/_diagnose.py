@@ -114,8 +114,8 @@ def _diagnosis(
     rates = [run for run in runs if isinstance(run, GapRun)]
     series = [run for run in runs if isinstance(run, ChannelSeries)]
     positions = [run for run in runs if isinstance(run, PositionRun)]
-    judges = [run.run_id for run in held_out]
-    refuse_judges(judges, {run.run_id for run in runs} | set(model.fitted_on))
+    used = [*((run.run_id, run.checksum) for run in runs), *model.fitted_on.items()]
+    refuse_judges(((run.run_id, run.checksum) for run in held_out), used)
     # of an IMU's axis the rate has a unit of its own
     units = [run.unit_id for run in (*rates, *positions, *held_out) if not isinstance(run, ChannelSeries)]
     units = units or [run.unit_id for run in (*series, *held_out) if run.unit_id]
@@ -177,5 +177,5 @@ def closed_model(found: Diagnosis, *, resembling: bool = False) -> Model:
             *(channels.pop(term.name, term) for term in model.channel_terms),
             *channels.values(),
         ),
-        fitted_on=dict(found.run_checksums),
+        fitted_on={**model.fitted_on, **found.run_checksums},
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
@@ -169,9 +169,19 @@ def rivals_of(name: str, names: frozenset[str], weights: Mapping[frozenset[str],
     return {rival: value for rival, value in rivals.items() if value > AMBIGUOUS}
 
 
-def refuse_judges(judges: Iterable[str], used: Set[str]) -> None:
-    """Raise ConfigurationError if a run that is to judge a model is among those `used` for it."""
-    if both := sorted(set(judges) & used):
+def refuse_judges(judges: Iterable[tuple[str, str]], used: Iterable[tuple[str, str]]) -> None:
+    """Raise ConfigurationError if a recording that is to judge a model is among those `used` for it.
+
+    Of each its name and checksum: a copy of another name is the same, another recording of the name is not.
+    """
+    pairs = set(used)
+    names, checksums = ({pair[k] for pair in pairs if pair[k]} for k in (0, 1))
+    told = {name for name, checksum in pairs if checksum}
+    if both := sorted(
+        name
+        for name, checksum in judges
+        if checksum in checksums or (name in names and not (checksum and name in told))
+    ):
         raise ConfigurationError(
             "a run that the model was fitted on cannot judge it",
             found=", ".join(both),

@@ -31,7 +31,7 @@ from bench.analysis.gap._model_file import Model, Term
 from bench.analysis.gap._noise import Noise
 from bench.analysis.gap._prepare import Prepared, prepare, with_unknown_rate
 from bench.analysis.gap._reading import as_turned
-from bench.analysis.gap._remarks import of_codes, of_floor, of_noise, of_same, of_time
+from bench.analysis.gap._remarks import of_codes, of_floor, of_noise, of_nominal, of_same, of_time
 from bench.analysis.gap._signal import Signal
 from bench.analysis.gap._stochastic import EFFECT_OF, NoiseVerdict
 from bench.analysis.gap._where import RegimePlace, phase_map, places, regime_map
@@ -195,6 +195,7 @@ class RateSignal(Signal[GapRun, _Ready, _Sets, RateFinding]):
                 *_of_lines(found, disturbed),
                 *of_codes(coded, below, runs),
                 *of_time(causes, runs),
+                *of_nominal(data.model, model),
                 *of_same(data.model, runs),
                 *(of_noise(data.model, runs) if unknown > 0.5 else ()),
             ),

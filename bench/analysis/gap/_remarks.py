@@ -15,6 +15,8 @@ from bench.analysis.gap._stochastic import DATA_SHEET
 from simulators.effects import Input
 
 _LONG_S = 3600.0
+_DENIED = 3.0
+"""Deviations that the model states from which on a parameter that was fitted again is another one."""
 
 
 def of_noise(model: Model, runs: Sequence[GapRun]) -> list[str]:
@@ -66,6 +68,24 @@ def of_same(model: Model, runs: Sequence[GapRun]) -> list[str]:
         f"the model was fitted on {', '.join(same)}: what is found beside its terms rests on the same recording, "
         "and is what these left of it; judge it on another (--held-out)"
     ]
+
+
+def of_nominal(model: Model, fitted: Model) -> list[str]:
+    """Say which parameters of the nominal model these runs deny: what it says of them is off by far.
+
+    They are fitted again within what the model says of them, so that they are no gap; 3 of its deviations are.
+    """
+    said = []
+    for told, found in zip(model.terms, fitted.terms, strict=True):
+        for parameter, before, sigma, now in zip(
+            told.effect.parameters, told.values, told.sigmas, found.values, strict=True
+        ):
+            if abs(now - before) > _DENIED * sigma:
+                said.append(
+                    f"the nominal model is wrong: {told.name}, {parameter.name} is {now:.4g} in these runs, not "
+                    f"{before:.4g} +- {sigma:.2g}; correct it, or say how far it may be off (sigma)"
+                )
+    return said
 
 
 def of_floor(data: Prepared) -> list[str]:

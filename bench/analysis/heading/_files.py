@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.analysis.common.runs import require_different
 from bench.analysis.heading._frames import earth_rotation_deg, sidereal_rad
 from bench.analysis.heading._lagged import Form
 from bench.analysis.heading._log import PlatformLog, Site, WarmUp, log_from_positions, stays
@@ -63,10 +65,18 @@ def study_heading_logs(
         known = {name: value for name, value in given.items() if value is not None}
         return replace(site_of_run(path, damping), **known)
 
+    sums = [checksum_of_log(path) for path in (log, *tests)]
+    require_different(sums)
     calibration, other_temp_c = load_log(log, site(log), columns)
-    held_out = {path.stem: load_log(path, site(path), columns)[0] for path in tests}
+    named = Counter(path.stem for path in tests)
+    held_out = {
+        path.stem if named[path.stem] == 1 else str(path.with_suffix("")): load_log(
+            path, site(path), columns
+        )[0]
+        for path in tests
+    }
     study = study_heading(calibration, held_out, form=form, window_s=window_s, other_temp_c=other_temp_c)
-    return study, dict(checksum_of_log(path) for path in (log, *tests))
+    return study, dict(sums)
 
 
 def site_of_run(place: Path, damping: float = 0.0) -> Site:

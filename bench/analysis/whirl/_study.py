@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.analysis.common.runs import require_different
 from bench.analysis.whirl._attitude import (
     Oscillation,
     carrier_tilt,
@@ -114,6 +115,8 @@ def study_whirl_runs(
             found=f"{len(bases)} logs",
             expected=f"{len(runs)}, one for each run, those of --test last, or the name of a unit of the runs",
         )
+    # a run that judges what was fitted to it would say nothing, one that is there twice too much
+    require_different((run.manifest.run_id, run.checksum) for run in runs)
     moves: Sequence[BaseMotion | str | None] = [None] * len(runs)
     if bases:
         moves = [str(bases[0])] * len(runs) if recorded else [BaseMotion.load(path) for path in bases]

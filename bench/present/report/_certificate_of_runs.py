@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,7 @@ from bench.present.report._run_content import RunContent, run_content
 from bench.present.report._standard import allan_figure
 from bench.record.events.run import Measured
 from bench.record.figure_limits import FIGURES, FURTHER, NO_LIMITS, Decision, Limit, Limits, own_figure
-from bench.record.recording import Run, verify
+from bench.record.recording import Run, read_manifest, verify
 from bench.record.run_folder import url_of
 from drivers.base.clock import utc_now
 from drivers.base.errors import BenchError, ConfigurationError
@@ -101,6 +102,7 @@ def certificate_content(
     """
     from bench.analysis.figures import standard_figures  # scipy behind it is slow to import
 
+    _require_names(folders)
     checks = {folder.name: check(folder) for folder in folders}
     contents: dict[str, RunContent] = {}
     results: dict[str, list[StandardFigures]] = {}
@@ -118,7 +120,7 @@ def certificate_content(
         for gyro, unit in content.manifest.units.items():
             reasons = against.setdefault(unit, [])
             results.setdefault(unit, [])
-            reasons += _reasons(content, checks[name])
+            reasons += _reasons(content, checks[name], gyro)
             if content.valid and checks[name] == "verified":
                 own.setdefault(unit, []).append((gyro, content))
             if content.manifest.procedure == "standard-test" and content.valid and checks[name] == "verified":
@@ -159,7 +161,25 @@ def certificate_content(
     )
 
 
-def _reasons(run: RunContent, check: str) -> list[str]:
+def _require_names(folders: Sequence[Path]) -> None:
+    """Raise ConfigurationError for two folders of one name, or of one run: one would be told as the other."""
+    names: dict[str, Path] = {}
+    for folder in folders:
+        own = {folder.name}
+        with suppress(BenchError):
+            own.add(read_manifest(folder).run_id)
+        if twice := sorted(own & names.keys()):
+            raise ConfigurationError(
+                "two run folders of one name",
+                where=str(folder),
+                found=f"{twice[0]}, also {names[twice[0]]}",
+                expected="each run once: a record is told by its name",
+                remedy="name each folder once; a copy is no further run",
+            )
+        names |= dict.fromkeys(own, folder)
+
+
+def _reasons(run: RunContent, check: str, gyro: str) -> list[str]:
     reasons = []
     if not run.valid:
         outcome = "not finished" if run.manifest.outcome == "running" else run.manifest.outcome
@@ -170,7 +190,7 @@ def _reasons(run: RunContent, check: str) -> list[str]:
     reasons += [
         f"Run {run.run_id}: {item.name.replace('_', ' ')} is outside its limits."
         for item in run.measurements
-        if item.passed is False
+        if item.passed is False and item.gyro in (None, gyro)
     ]
     return reasons
 

@@ -19,7 +19,7 @@ from bench.present.report._numbers import (
 )
 from bench.present.report._page import Block, Cell, Fact, Facts, Row, Section, Table, Tone, named
 from bench.present.report._run_content import RunContent
-from bench.record.events.run import Measured
+from bench.record.events.run import Measured, labels
 
 if TYPE_CHECKING:
     from bench.analysis.common.uncertainty import Budget
@@ -86,16 +86,16 @@ def checks_table(runs: Sequence[RunContent]) -> list[Block]:
     """Return a table of the measurements that were judged, a row for each run, a column for each check."""
     names: dict[str, Measured] = {}
     for run in runs:
-        for item in run.measurements:
+        for item, label in zip(run.measurements, labels(run.measurements), strict=True):
             if limited(item):
-                names.setdefault(item.name, item)
+                names.setdefault(label, item)
     heads = ["Run"]
     for name, item in names.items():
         unit = f"{unit_text(item.unit)} {limits_text(item.low, item.high)}".strip()
         heads.append(f">{measured(name)} [{unit}]")
     rows = []
     for run in runs:
-        by_name = {item.name: item for item in run.measurements}
+        by_name = dict(zip(labels(run.measurements), run.measurements, strict=True))
         if not names.keys() & by_name.keys():
             continue
         cells = [_check_cell(by_name.get(name), first) for name, first in names.items()]
@@ -109,12 +109,12 @@ def checks_table(runs: Sequence[RunContent]) -> list[Block]:
 def measurements_table(measurements: Sequence[Measured], budgets: Mapping[str, Budget]) -> list[Block]:
     """Return everything that was measured on one run, judged or not, with its uncertainty if it has a budget."""
     rows = []
-    for item in measurements:
-        budget = budgets.get(item.name)
+    for item, label in zip(measurements, labels(measurements), strict=True):
+        budget = budgets.get(label)
         half_width = None if budget is None else budget.half_width
         row = Row(
             [
-                Cell(measured(item.name)),
+                Cell(measured(label)),
                 Cell(significant(item.value, 4), strong=True),
                 Cell(DASH if half_width is None else significant(half_width, 2)),
                 Cell(unit_text(item.unit)),

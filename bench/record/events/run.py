@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any, Literal
@@ -122,6 +123,17 @@ class Measured(Event, kind="measurement"):
         inside = (low is None or value >= low) and (high is None or value <= high)
         passed = None if low is None and high is None else inside
         return cls(name, value, unit, low, high, passed, gyro, basis)
+
+
+def labels(items: Sequence[Measured]) -> list[str]:
+    """Return what tells measurements apart: the name, "name of gyro" where several gyros have one of it."""
+    gyros: dict[str, set[str | None]] = {}
+    for item in items:
+        gyros.setdefault(item.name, set()).add(item.gyro)
+    several = {name for name, own in gyros.items() if len(own) > 1}
+    return [
+        f"{item.name} of {item.gyro}" if item.gyro and item.name in several else item.name for item in items
+    ]
 
 
 class Series(Event, kind="series"):

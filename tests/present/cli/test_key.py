@@ -38,8 +38,12 @@ def test_a_key_is_made_signs_a_run_and_a_file_and_is_asked_for(tmp_path: Path) -
     assert said(tmp_path, "key", "check", "note.txt", "--signed-by", public)[0] == 1
     assert said(tmp_path, "key", "sign", "note.txt")[0] == 0
     assert "by Bench 3" in said(tmp_path, "key", "check", "note.txt", "--signed-by", public)[1]
-    assert said(tmp_path, "report", run, run, "--out", "certificate.html")[0] in (0, 4)
+    (tmp_path / "limits.toml").write_text('[limits]\n"bias" = { unit = "deg/h", low = -1, high = 1 }\n')
+    status, text = said(tmp_path, "report", run, "--limits", "limits.toml", "--out", "certificate.html")
+    assert status in (0, 4), text
     assert said(tmp_path, "key", "check", "certificate.html")[0] == 0
+    twice = said(tmp_path, "report", run, run, "--out", "certificate.html")
+    assert twice[0] == 2 and "each run once" in twice[1]
 
     Path(made["file"]).rename(tmp_path / "older.key")
     Path(public).rename(tmp_path / "older.pub")

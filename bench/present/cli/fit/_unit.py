@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from click import get_current_context
+from click.core import ParameterSource
 from rich.table import Table
 from typer import Argument, BadParameter, Option
 
@@ -139,6 +141,10 @@ def calibration(
     With --by-hand from a log in which it was turned by hand.
     """
     if hand:
+        own = ("record", "out", "gravity_mps2", "hand", "turn_deg", "as_json")
+        if given := [name for name in _given() if name not in own]:
+            names = ", ".join("--" + name.replace("_", "-") for name in given)
+            raise BadParameter(f"{names}: not with --by-hand, whose mapping file says what is known")
         by_hand(Terminal(as_json=as_json), record, out, gravity=gravity_mps2, turn_deg=turn_deg)
         return
     if turn_deg is not None:
@@ -184,6 +190,16 @@ def calibration(
             inflation=result.inflation,
         )
     _keep(console, out, result, content)
+
+
+def _given() -> list[str]:
+    """Return the options that were typed on the command line."""
+    context = get_current_context(silent=True)
+    if context is None:
+        return []
+    return [
+        name for name in context.params if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+    ]
 
 
 def _keep(console: Terminal, out: Path, result: Calibration, content: CalibrationContent) -> None:

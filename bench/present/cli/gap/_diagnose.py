@@ -62,8 +62,10 @@ def diagnose(
 
     if run and bench is None:
         raise BadParameter("--run needs --bench, the bench to run on")
-    if not run and (bench is not None or plant is not None or emulated):
-        raise BadParameter("--bench, --plant and --emulated go with --run")
+    if not run and (bench is not None or plant is not None or emulated or seed is not None):
+        raise BadParameter("--bench, --plant, --seed and --emulated go with --run")
+    if (plant is not None or seed is not None) and not emulated:
+        raise BadParameter("--plant and --seed go with --emulated: without it the bench itself is driven")
     for file_of_effects in effects or ():
         gap.take_own(file_of_effects)
     console, nominal = Terminal(), gap.read_model(model)

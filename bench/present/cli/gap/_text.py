@@ -49,7 +49,7 @@ def print_rate(console: Terminal, diagnosis: Diagnosis, following: Sequence[Sugg
     if any(place.clear for place in found.left):
         _print_map(console, "left", found.left)
     console.say(_closing(shrunk, found.none_held_out))
-    if shrunk is not None and shrunk.caution and found.causes:
+    if shrunk is not None and shrunk.caution:
         console.say(f"  {shrunk.caution}", style="bold red")
     _print_warnings(console, found.warnings)
     if found.unidentifiable:
