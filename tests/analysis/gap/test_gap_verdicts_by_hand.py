@@ -21,6 +21,7 @@ from bench.analysis.gap._causes import (
     models_with_and_without,
 )
 from bench.analysis.gap._data import Group
+from bench.analysis.gap._diagnose import Diagnosis, closed_model, diagnose
 from bench.analysis.gap._disturbed import Disturbed
 from bench.analysis.gap._evidence import Candidate, SetPosterior
 from bench.analysis.gap._findings import Cause, rivals_of
@@ -37,7 +38,7 @@ from bench.analysis.gap._rate import (
     _stochastic,
     _verdict,
 )
-from bench.analysis.gap._remarks import of_floor
+from bench.analysis.gap._remarks import of_floor, of_nominal
 from bench.analysis.gap._stochastic import NoiseVerdict
 from bench.analysis.gap._unknown import Remainder
 from bench.analysis.gap._which import set_weights
@@ -431,3 +432,27 @@ def test_a_share_that_held_out_runs_do_not_show_has_its_caution():
     assert "half of the gap or more may stay" in shrunk(0.5, 0.9).caution
     assert "half of the gap or more may stay" in shrunk(-0.5, 0.001).caution
     assert "come no nearer" in shrunk(-0.5, 0.0).caution and shrunk(0.0, 1.0).cells == 2
+
+
+def test_a_parameter_of_the_nominal_model_that_runs_deny_is_said():
+    """Told as 10 +- 0.5 deg/h per 50 K, and 2 in the runs: 16 deviations are no uncertainty of the model."""
+    slope = effect("bias_linear").variants()[0]
+    told = Model("m", (Term(slope, (10.0,), (0.5,)),), WHITE)
+    (sentence,) = of_nominal(told, told.moved(np.array([-8.0]), np.array([0.19])))
+    assert "bias_linear, bias_dph_per_50k is 2 in these runs, not 10 +- 0.5" in sentence
+    assert not of_nominal(told, told.moved(np.array([1.4]), np.array([0.1])))
+    runs = []
+    for number in range(3):
+        s = stimulus(3000)
+        extra = 2.0 * effect("bias_linear").columns(s, dict(slope.shape))[0]
+        runs.append(made_run(f"shock {number}", s, np.random.default_rng(number), extra))
+    found = diagnose(runs, told, []).rate
+    assert any("the nominal model is wrong: bias_linear" in each for each in found.warnings)
+    sure = Model("m", (Term(slope, (2.0,), (0.5,)),), WHITE)
+    assert not any("the nominal model is wrong" in each for each in diagnose(runs, sure, []).rate.warnings)
+
+
+def test_a_closed_model_knows_all_runs_that_it_rests_on():
+    model = Model("m", (), WHITE, fitted_on={"first": "1"})
+    found = Diagnosis("U", model, (), {"second": "2"})
+    assert closed_model(found).fitted_on == {"first": "1", "second": "2"}

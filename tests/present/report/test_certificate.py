@@ -4,6 +4,7 @@ import json
 import subprocess
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,9 +12,10 @@ import pytest
 from bench.analysis.common.allan_noise import NoiseCoefficients
 from bench.present.report import CertificateContent, render_page, write_pdf, write_report
 from bench.present.report._certificate import CertifiedFigure, UnitCertificate, certificate_page
-from bench.present.report._certificate_of_runs import certificate_content, check_record
+from bench.present.report._certificate_of_runs import _reasons, certificate_content, check_record
 from bench.present.report._file import find_browser
 from bench.present.report._page import Page, Verdict
+from bench.record.events.run import Measured
 from bench.record.figure_limits import FIGURES, FURTHER, Decision, Limits, load_limits
 from bench.record.recording import Manifest, read_manifest, write_manifest
 from bench.record.recording._tables import table_writer
@@ -398,3 +400,20 @@ def test_the_rule_stands_in_the_file_of_limits_and_with_its_risk_on_the_certific
     ):
         with pytest.raises(ConfigurationError, match=says):
             limits_of(tmp_path, f"{BIAS_LIMIT}[decision]\n{text}\n")
+
+
+def test_a_unit_is_not_judged_by_the_measurement_of_another():
+    items = [
+        Measured.against("rest", 132.0, "deg/h", -20.0, 20.0, "mems"),
+        Measured.against("air", 99.0, "degC", -60.0, 85.0),
+    ]
+    run = SimpleNamespace(valid=True, run_id="r", measurements=items)
+    assert _reasons(run, "verified", "fog") == ["Run r: air is outside its limits."]
+    assert len(_reasons(run, "verified", "mems")) == 2
+
+
+def test_two_folders_of_one_name_are_refused(tmp_path):
+    for parent in ("a", "b"):
+        (tmp_path / parent / "run").mkdir(parents=True)
+    with pytest.raises(ConfigurationError, match="two run folders of one name"):
+        certificate_content([tmp_path / "a" / "run", tmp_path / "b" / "run"])

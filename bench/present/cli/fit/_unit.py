@@ -7,10 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from click import get_current_context
-from click.core import ParameterSource
 from rich.table import Table
-from typer import Argument, BadParameter, Option
+from typer import Argument, BadParameter, Context, Option
 
 from bench.present.cli._console import Terminal
 from bench.present.cli._options import (
@@ -135,6 +133,7 @@ def calibration(
         float | None, Option(help="with --by-hand: angle of the turns that are about as large")
     ] = None,
     as_json: Json = False,
+    context: Context = None,  # type: ignore[assignment]  # Typer passes it
 ) -> None:
     """Calibrate an IMU from the record of a rotation scheme.
 
@@ -142,7 +141,7 @@ def calibration(
     """
     if hand:
         own = ("record", "out", "gravity_mps2", "hand", "turn_deg", "as_json")
-        if given := [name for name in _given() if name not in own]:
+        if given := [name for name in _given(context) if name not in own]:
             names = ", ".join("--" + name.replace("_", "-") for name in given)
             raise BadParameter(f"{names}: not with --by-hand, whose mapping file says what is known")
         by_hand(Terminal(as_json=as_json), record, out, gravity=gravity_mps2, turn_deg=turn_deg)
@@ -192,14 +191,12 @@ def calibration(
     _keep(console, out, result, content)
 
 
-def _given() -> list[str]:
-    """Return the options that were typed on the command line."""
-    context = get_current_context(silent=True)
+def _given(context: Context | None) -> list[str]:
+    """Return the options that were typed on the command line; none where a program calls."""
     if context is None:
         return []
-    return [
-        name for name in context.params if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
-    ]
+    sources = {name: context.get_parameter_source(name) for name in context.params}
+    return [name for name, source in sources.items() if source is not None and source.name == "COMMANDLINE"]
 
 
 def _keep(console: Terminal, out: Path, result: Calibration, content: CalibrationContent) -> None:
