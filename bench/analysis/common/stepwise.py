@@ -284,12 +284,16 @@ def _result(
     )
 
 
+_LARGEST_RHO = 0.999
+
+
 def cochrane_orcutt_rho(
     x: Array, y: Array, segments: Array, *, tolerance: float = 1e-4, iterations: int = 50
 ) -> float:
     """Lag-1 correlation of the residuals of `y` on all of `x`, by Cochrane and Orcutt's iteration.
 
-    Source: Cochrane and Orcutt, JASA 44(245), 1949. ConfigurationError when the residual is a random walk.
+    Source: Cochrane and Orcutt, JASA 44(245), 1949. ConfigurationError when the residual is a random walk, or
+    alternates.
     """
     rho = 0.0
     for _ in range(iterations):
@@ -299,12 +303,17 @@ def cochrane_orcutt_rho(
         slope = np.linalg.lstsq((white_x - centre) / scale, white_y - level, rcond=1e-10)[0] / scale
         residual = y - x @ slope
         previous, rho = rho, _lag1_correlation(residual - residual.mean(), segments)
-        if abs(rho) >= 0.999:
+        if abs(rho) >= _LARGEST_RHO:
+            walks = rho > 0.0
             raise ConfigurationError(
-                "the residual is a random walk: no regression can be tested on it",
+                "the residual is a random walk: no regression can be tested on it"
+                if walks
+                else "the residual alternates from block to block: no regression can be tested on it",
                 found=f"lag-1 correlation {rho:.4f}",
-                expected="below 0.999",
-                remedy="use longer block means, or add the term that explains the drift",
+                expected=f"within {_LARGEST_RHO}",
+                remedy="use longer block means, or add the term that explains the drift"
+                if walks
+                else "record longer, or use shorter block means: there are too few for so many terms",
             )
         if abs(rho - previous) < tolerance:
             break
