@@ -129,11 +129,11 @@ def turned_for(input_dph: float, from_east: float, horizontal_dph: float) -> tup
     it can be.
     """
     before = math.sin(from_east)
-    share = before - input_dph / horizontal_dph
-    if abs(share) > 1.0:
-        share = before + input_dph / horizontal_dph
-    if abs(share) > 1.0:
-        share = -math.copysign(1.0, before or 1.0)
+    for wanted_dph in (input_dph, -input_dph):
+        share = before - wanted_dph / horizontal_dph
+        if abs(share) <= 1.0:
+            return math.asin(share) - from_east, wanted_dph
+    share = -math.copysign(1.0, before or 1.0)
     return math.asin(share) - from_east, (before - share) * horizontal_dph
 
 

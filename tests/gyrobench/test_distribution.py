@@ -138,7 +138,7 @@ def test_what_needs_an_extra_that_is_not_installed_names_it(environment: Path, t
     for words, extra in (
         (["look", "log.csv"], "analysis"),
         (["import", "log.csv", "--mapping", "map.toml"], "analysis"),
-        (["fit", "standard-test", "runs/one"], "analysis"),
+        (["fit", "whirl", "runs/one"], "analysis"),
         (["foretell", "standard-test", "--noise", "angle_random_walk=0.01"], "analysis"),
         (["panel"], "panel"),
     ):

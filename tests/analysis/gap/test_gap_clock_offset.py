@@ -201,7 +201,14 @@ def test_what_held_out_runs_cannot_show_they_neither_confirm_nor_refute(logs: li
     """A held-out run of a table that stands shows nothing of a clock."""
     s = replace(logs[0].stimulus, angle_deg=np.zeros(len(logs[0].stimulus) + 1), edge_rate_dps=None)
     noise = np.random.default_rng(9).normal(0.0, 1.8, len(s))
-    still = replace(logs[0], run_id="still", stimulus=s, output_dph=s.input_rate_dph + noise, table_rows=None)
+    still = replace(
+        logs[0],
+        run_id="still",
+        checksum="still",
+        stimulus=s,
+        output_dph=s.input_rate_dph + noise,
+        table_rows=None,
+    )
     found = diagnose(logs[:2], model(None), [still]).rate
     assert "time_offset" in [cause.name for cause in found.causes] and not found.held_out[0].cells
     assert found.none_held_out.endswith(": they neither confirm nor refute what is named")

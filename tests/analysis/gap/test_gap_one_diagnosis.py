@@ -56,7 +56,7 @@ def test_the_closed_model_has_the_causes_of_rate_and_channels_and_keeps_accuraci
     assert after["gyro_core_heat"].values != before["gyro_core_heat"].values
     assert after["fixture_heat"].values == before["fixture_heat"].values
     assert closed.accuracy == nominal.accuracy
-    assert set(closed.fitted_on) == {"a", "b"}
+    assert set(closed.fitted_on) == {"a", "b", "run 1"}, "of the model that was closed, too"
     facts = json.loads(json.dumps(diagnosis_facts(found, suggest(found)), allow_nan=False))
     by_channel = {each["channel"]: each for each in facts["channels"]}
     assert by_channel["gyro_temperature"]["held_out"]["share"] > 0.9
