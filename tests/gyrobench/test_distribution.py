@@ -135,6 +135,7 @@ def test_what_needs_an_extra_that_is_not_installed_names_it(environment: Path, t
     ]
     (tmp_path / "log.csv").write_text("time_s,gyro_x_dps\n0,1\n1,2\n")
     (tmp_path / "map.toml").write_text(MAPPING)
+    (tmp_path / "lab.toml").write_text((ROOT / "examples" / "demo.toml").read_text(encoding="utf-8"))
     for words, extra in (
         (["look", "log.csv"], "analysis"),
         (["import", "log.csv", "--mapping", "map.toml"], "analysis"),
