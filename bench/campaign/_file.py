@@ -86,7 +86,7 @@ class PreparedAnswer(_Part):
     @classmethod
     def _says_yes_or_no(cls, answer: str) -> str:
         if consents(answer) is None:
-            raise ValueError("an answer begins with yes, done or ok, or with no, abort or stop")
+            raise ValueError("an answer begins with yes, done, ok or ready, or with no, abort or stop")
         return answer
 
 

@@ -19,7 +19,7 @@ from drivers.base.errors import RunAborted
 from drivers.base.files import encodable
 
 _EMULATED = "emulated operator"
-_YES, _NO = ("yes", "y", "done", "ok"), ("no", "n", "abort", "stop")
+_YES, _NO = ("yes", "y", "done", "ok", "ready"), ("no", "n", "abort", "stop")
 _ASKED = 10
 """Times that a question is put anew after answers that are neither yes nor no."""
 
@@ -58,7 +58,7 @@ class Reply(NamedTuple):
 
 
 def consents(answer: str) -> bool | None:
-    """Return whether an answer begins with a yes (yes, done, ok) or with a no (no, abort, stop); None: neither.
+    """Return whether an answer begins with a yes (yes, done, ok, ready) or with a no (no, abort, stop); None: neither.
 
     A remark may follow: "done, torque 5 Nm".
     """

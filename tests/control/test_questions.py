@@ -72,7 +72,7 @@ def test_the_console_has_no_answer_until_a_line_is_entered():
 
 @pytest.mark.parametrize(
     ("answer", "meant"),
-    [("yes", True), ("Y", True), (" Done, torque 5 Nm", True), ("OK.", True), ("no.", False), ("N", False),
+    [("yes", True), ("Y", True), (" Done, torque 5 Nm", True), ("OK.", True), ("Ready", True), ("no.", False), ("N", False),
      ("STOP!", False), ("abort now", False), ("", None), ("nein", None), ("yess", None), ("1", None),
      ("not yet", None), ("  ", None), ("\ud800", None)],
 )  # fmt: skip
@@ -84,7 +84,7 @@ def test_the_first_word_says_whether_somebody_agrees(answer, meant):
 def test_nothing_that_does_not_begin_with_a_yes_is_one(answer):
     said = answer.casefold().lstrip("0123456789_ \t\r\n.,;:!?-'\"()[]{}<>/\\|@#$%^&*+=~`")
     if consents(answer):
-        assert any(word in answer.casefold() for word in ("y", "done", "ok"))
+        assert any(word in answer.casefold() for word in ("y", "done", "ok", "ready"))
     if said.startswith(("yes ", "done,", "ok")) and said in ("yes ", "done,", "ok"):
         assert consents(answer) is True
 
