@@ -58,7 +58,7 @@ class Reply(NamedTuple):
 
 
 def consents(answer: str) -> bool | None:
-    """Return whether an answer begins with a yes (yes, done, ok, ready) or with a no (no, abort, stop); None: neither.
+    """Return whether an answer begins with a yes (yes, done, ok, ready) or a no (no, abort, stop); None: neither.
 
     A remark may follow: "done, torque 5 Nm".
     """

@@ -72,7 +72,8 @@ def test_the_console_has_no_answer_until_a_line_is_entered():
 
 @pytest.mark.parametrize(
     ("answer", "meant"),
-    [("yes", True), ("Y", True), (" Done, torque 5 Nm", True), ("OK.", True), ("Ready", True), ("no.", False), ("N", False),
+    [("yes", True), ("Y", True), (" Done, torque 5 Nm", True), ("OK.", True), ("Ready", True),
+     ("no.", False), ("N", False),
      ("STOP!", False), ("abort now", False), ("", None), ("nein", None), ("yess", None), ("1", None),
      ("not yet", None), ("  ", None), ("\ud800", None)],
 )  # fmt: skip
