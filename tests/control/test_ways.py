@@ -55,7 +55,8 @@ def test_a_way_passes_a_zone_on_the_circle(
 def test_a_way_passes_a_zone_if_one_of_its_angles_is_in_it(
     begin: float, width: float, low: float, length: float
 ) -> None:
-    inside = any(0.0 < (low + length * k / 4000.0 - begin) % 360.0 < width for k in range(4001))
+    ways = ((low + length * k / 4000.0 - begin) % 360.0 for k in range(4001))
+    inside = any(1e-9 < way < width - 1e-9 for way in ways)
     passed = passes(zone(begin, begin + width), low, low + length)
     assert passed or not inside
     if not inside:  # but for what lies between the angles that were tried
