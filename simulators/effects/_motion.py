@@ -52,6 +52,7 @@ def _misalignment(s: Stimulus, shape: Shape) -> Array:
 
     With `carried` 1 the case is tilted and what leans in it goes along: what is above a level axis is behind one
     that points up, ahead of one that points down. With 0 it is mounted anew, and leans ahead whenever it stands.
+    What is beside the axis turns a level one, too, or (`aside` 0) was taken out there when it was mounted.
     It stays a unit vector: of a lean towards (|up|, level) only what is square to the axis turns it.
     """
     up, level = np.sin(np.radians(s.elevation_deg)), np.cos(np.radians(s.elevation_deg))
@@ -61,7 +62,8 @@ def _misalignment(s: Stimulus, shape: Shape) -> Array:
         return np.asarray(math.radians(1.0) * np.stack((level * vertical - up * cosine, sine)))
     along = level * np.abs(up) + up * level
     turned = (np.abs(up) - along * level) * cosine + (level - along * up) * vertical
-    return np.asarray(math.radians(1.0) * np.stack((turned, np.abs(up) * sine)))
+    beside = sine if shape.get("aside", 0.0) else np.abs(up) * sine
+    return np.asarray(math.radians(1.0) * np.stack((turned, beside)))
 
 
 ALIGNMENT_EFFECTS = (
@@ -91,8 +93,10 @@ ALIGNMENT_EFFECTS = (
         "table angle with the axis upright",
         "IEEE Std 952, input-axis misalignment",
         "The sensitive axis leans against its mounting and picks up other components of rate.",
-        ({"carried": 0.0}, {"carried": 1.0}),
-        whole=("carried",),
+        tuple(
+            {"carried": carried, "aside": aside} for carried, aside in ((0.0, 0.0), (0.0, 1.0), (1.0, 1.0))
+        ),
+        whole=("carried", "aside"),
     ),
 )
 

@@ -302,6 +302,10 @@ def test_a_lean_that_is_carried_along_is_that_of_a_rigid_case() -> None:
             change = earth @ turn.apply(tilt.apply(np.array([1.0, 0.0, 0.0]) + to))
             change -= earth @ turn.apply(tilt.apply(np.array([1.0, 0.0, 0.0])))
             assert column == pytest.approx(math.radians(1.0) * change / lean, rel=1e-6, abs=1e-9)
+        # mounted anew, with what is beside the axis as in a case that is tilted: above it as it was
+        anew, turned = effect("axis_misalignment").columns(s, {"carried": 0.0, "aside": 1.0})
+        assert turned == pytest.approx(columns[1])
+        assert anew == pytest.approx(effect("axis_misalignment").columns(s, {"carried": 0.0})[0])
     # a level axis on a table that turns: what is above it picks up the table's rate
     level = stimulus(100, rate_dps=3.0, elevation_deg=0.0, cold=False)
     picked = effect("axis_misalignment").columns(level, {"carried": 1.0})[0]
